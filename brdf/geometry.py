@@ -1,0 +1,63 @@
+"""Directions in the local frame: half-vector quantities, reflection, cosine-weighted sampling.
+
+The half vector is kept unnormalised, ``h = wi + wo``: a sum has the relative error of one rounding, so that
+``tan^2 = (h.x^2 + h.y^2) / h.z^2`` never cancels, however sharp the lobe. ``1 - cos^2`` does.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+
+class Half(NamedTuple):
+    """The geometry of a pair of directions, symmetric in the two bit for bit.
+
+    ``tan2`` is tan^2 of the angle between the half vector and the normal; ``cos_d``, ``sin2_d`` belong to the angle
+    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hz`` is wi.z + wo.z.
+    """
+
+    tan2: Any
+    cos_d: Any
+    sin2_d: Any
+    hh: Any
+    hz: Any
+
+
+def half(wi: Any, wo: Any) -> Half:
+    """Half-vector quantities of `wi` and `wo`, without cancellation.
+
+    ``cos_d^2 = |h|^2 / (|h|^2 + |d|^2)`` and ``sin_d^2 = |d|^2 / (|h|^2 + |d|^2)`` with ``h = wi + wo``, ``d = wi - wo``: both
+    have full relative accuracy, for grazing and for equal directions, and do not mind a rounded length.
+    """
+    h, d = wi + wo, wi - wo
+    hh, dd = square(h), square(d)
+    total = hh + dd
+    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z)
+
+
+def square(v: Any) -> Any:
+    """|v|^2 as a sum of squares in a fixed order."""
+    return v.x * v.x + v.y * v.y + v.z * v.z
+
+
+def reflect(w: Any) -> Any:
+    """The mirror image of `w` about the normal."""
+    return type(w)(-w.x, -w.y, w.z)
+
+
+def reflect_about(w: Any, m: Any) -> Any:
+    """The mirror image of `w` about the unit vector `m`: ``2 (w.m) m - w``, of unit length to rounding."""
+    out = m * (2 * (w.x * m.x + w.y * m.y + w.z * m.z)) - w
+    return out * dr.rsqrt(square(out))
+
+
+def cosine_hemisphere(u: Any, like: Any) -> Any:
+    """A direction with density ``cos / pi`` from `u` in [0, 1)^2, of the type of the 3-vector `like`.
+
+    A disk is sampled in polar form (Malley's method): ``r = sqrt(u.x)``, ``z = sqrt(1 - u.x)``.
+    """
+    radius, angle = dr.sqrt(u.x), dr.two_pi * u.y
+    s, c = dr.sincos(angle)
+    return type(like)(radius * c, radius * s, dr.sqrt(dr.maximum(1 - u.x, 0)))

@@ -1,0 +1,21 @@
+"""Elementary functions that Dr.Jit lacks, accurate where the plain expression is not, in value and in gradient."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+
+def log1p(x: Any) -> Any:
+    """``log(1 + x)`` to a few roundings for small `x` (Kahan: ``log(u) x / (u - 1)`` with ``u = 1 + x`` rounded)."""
+    u = 1 + x
+    d = u - 1
+    exact = dr.detach(d) == 0
+    value = dr.select(exact, x, dr.log(u) * (x / dr.select(exact, 1, d)))
+    return dr.replace_grad(value, dr.log(u))
+
+
+def is_double(x: Any) -> bool:
+    """Whether `x` is computed in float64: a Dr.Jit float64 array or a Python number."""
+    return not dr.is_array_v(x) or dr.type_v(x) == dr.VarType.Float64

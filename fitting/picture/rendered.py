@@ -1,0 +1,69 @@
+"""Pictures through a Mitsuba integrator: any light, any number of bounces, and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class RenderedPicture:
+    """See `fitting.picture.Picture`. A half is an independent seed.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+    sensor : mi.Sensor
+    integrator : mi.Integrator
+    entries : mi.SceneParameters
+        The free parameters: Mitsuba differentiates a rendering with respect to these.
+    pixels : int array
+        Flat indices of the pixels to predict.
+    samples : int
+        Samples a pixel in each half.
+    seed : int
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        integrator: mi.Integrator,
+        entries: mi.SceneParameters,
+        pixels: npt.NDArray[np.int64],
+        samples: int,
+        seed: int,
+    ) -> None:
+        self.pixels = pixels
+        self.samples = samples
+        self.scene, self.sensor, self.integrator, self.entries = scene, sensor, integrator, entries
+        self.index = mi.UInt32(pixels.astype(np.uint32))
+        rng = np.random.default_rng([seed, samples])
+        self.seeds = [dr.opaque(mi.UInt32, int(s)) for s in rng.integers(0, 2**31, 4)]
+
+    def predict(self, reverse: bool = False) -> list[mi.Color3f]:
+        return [self.render(half) for half in (0, 1)]
+
+    def render(self, half: int) -> mi.Color3f:
+        image = mi.render(
+            self.scene,
+            params=self.entries,
+            sensor=self.sensor,
+            integrator=self.integrator,
+            spp=self.samples,
+            seed=self.seeds[half],
+            seed_grad=self.seeds[2 + half],
+        )
+        at = self.index * image.shape[2]
+        return mi.Color3f(*(dr.gather(mi.Float, image.array, at + c) for c in range(3)))
+
+    def fold(self, parts: Sequence[mi.Color3f]) -> tuple[Array, Array]:
+        return np.array(parts[0], dtype=np.float64), np.array(parts[1], dtype=np.float64)
+
+    def unfold(self, halves: tuple[Array, Array]) -> list[mi.Color3f]:
+        return [mi.Color3f(half.astype(np.float32)) for half in halves]

@@ -1,0 +1,184 @@
+"""The least-squares problem of a fit: residuals, their derivatives, and the weights that noise asks for.
+
+Each picture is predicted from two independent halves of its samples, A and B. With residuals ``r = I - target`` and
+weights ``w``, the objective is ``C = 1/2 sum w r_A r_B``, whose mean is that of the noise-free ``1/2 sum w r^2``: the
+samples' own noise does not enter, as it would in ``sum w r_A^2``, where it pulls the minimum aside. Gradient and
+Gauss-Newton matrix are the symmetric cross terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from .parameters import Parameters
+from .picture import Picture
+
+Array = npt.NDArray[np.float64]
+
+#: A residual is never trusted below this fraction of the picture's rms: float32 rounding of a prediction.
+ROUNDING = 1e-6
+#: Bins of predicted intensity in which the variance of the residuals is measured.
+NOISE_BINS = 24
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The problem about a point: residuals (n,) and Jacobians (n, p) of both halves, in the coordinates `x`."""
+
+    r: tuple[Array, Array]
+    jacobian: tuple[Array, Array]
+
+    def loss(self, w: Array) -> float:
+        """Weighted mean square residual ``mean(w r_A r_B)``."""
+        return float(np.mean(w * self.r[0] * self.r[1]))
+
+    def gradient(self, w: Array) -> Array:
+        """Half the gradient of the sum ``sum w r_A r_B``."""
+        (ra, rb), (ja, jb) = self.r, self.jacobian
+        return 0.5 * (ja.T @ (w * rb) + jb.T @ (w * ra))
+
+    def hessian(self, w: Array) -> Array:
+        """Its Gauss-Newton matrix, symmetric; positive but for sampling noise."""
+        ja, jb = self.jacobian
+        h = ja.T @ (w[:, None] * jb)
+        return 0.5 * (h + h.T)
+
+
+class Problem:
+    """Pictures, their targets, and the free parameters.
+
+    Attributes
+    ----------
+    weights : array, shape (n,)
+        One a residual. Residuals are ordered picture by picture, channel by channel, pixel by pixel.
+    pixel, channel, view : int array, shape (n,)
+        Flat index of the pixel of each residual, its channel, and the number of its picture; ``widths[view]`` is how wide
+        that is.
+    """
+
+    def __init__(
+        self, parameters: Parameters, pictures: Sequence[Picture], targets: Sequence[npt.NDArray[np.float32]]
+    ) -> None:
+        """`targets` are linear RGB pictures of shape (height, width, 3)."""
+        self.parameters = parameters
+        self.pictures = list(pictures)
+        shown = [np.asarray(t).reshape(-1, 3)[p.pixels].T for p, t in zip(pictures, targets, strict=True)]
+        self.target = np.concatenate([t.ravel() for t in shown]).astype(np.float64)
+        self.pixel = np.concatenate([np.tile(p.pixels, 3) for p in pictures])
+        self.channel = np.concatenate([np.repeat(np.arange(3), len(p.pixels)) for p in pictures])
+        self.view = np.repeat(np.arange(len(pictures)), [3 * len(p.pixels) for p in pictures])
+        self.widths = np.array([t.shape[1] for t in targets])
+        self.scale = float(np.sqrt(np.mean(self.target**2)))
+        self.evaluations = 0
+        self.weigh(np.full(len(self.target), 1.0 / self.scale**2))
+
+    def weigh(self, weights: Array) -> None:
+        """Set the weights of the residuals."""
+        self.weights = weights
+
+    def residuals(self, x: Array) -> tuple[Array, Array]:
+        """Prediction less target for both halves, without derivatives."""
+        self.parameters.place(x)
+        parts = self.predict()
+        dr.eval(parts)
+        self.evaluations += 1
+        ra, rb = self.fold(parts)
+        return ra - self.target, rb - self.target
+
+    def loss(self, x: Array) -> float:
+        """Weighted mean square residual at `x`."""
+        ra, rb = self.residuals(x)
+        return float(np.mean(self.weights * ra * rb))
+
+    def linearize(self, x: Array, columns_of: Sequence[int] | npt.NDArray[np.intp] | None = None) -> Linear:
+        """Residuals and Jacobians at `x`, by forward-mode differentiation: one pass a column, all in one kernel.
+
+        `columns_of` picks components; the Jacobians then have these columns alone.
+        """
+        variables = self.parameters.place(x, differentiate=True)
+        chosen = list(range(len(variables)) if columns_of is None else columns_of)
+        slope = self.parameters.slope(x)[chosen]
+        parts = self.predict()
+        columns = []
+        for i in chosen:
+            dr.clear_grad(variables)
+            dr.clear_grad(parts)
+            dr.set_grad(variables[i], 1)
+            dr.enqueue(dr.ADMode.Forward, variables)
+            dr.traverse(dr.ADMode.Forward, dr.ADFlag.ClearInterior | dr.ADFlag.ClearInput)
+            columns.append(dr.grad(parts))
+        parts = dr.detach(parts)
+        dr.eval(parts, columns)
+        self.evaluations += 1
+        ra, rb = self.fold(parts)
+        folded = [self.fold(column) for column in columns]
+        ja, jb = (np.stack([f[half] for f in folded], axis=1) * slope for half in (0, 1))
+        return Linear((ra - self.target, rb - self.target), (ja, jb))
+
+    def descend(self, x: Array) -> tuple[float, Array]:
+        """Loss and its gradient by reverse-mode differentiation, as a first-order method wants them."""
+        variables = self.parameters.place(x, differentiate=True)
+        parts = self.predict(reverse=True)
+        dr.eval(parts)
+        ra, rb = (half - self.target for half in self.fold(dr.detach(parts)))
+        scaled = self.weights / len(self.target)
+        dr.set_grad(parts, self.unfold(scaled * rb, scaled * ra))
+        dr.enqueue(dr.ADMode.Backward, parts)
+        dr.traverse(dr.ADMode.Backward)
+        gradient = np.array([dr.grad(v)[0] for v in variables], dtype=np.float64)
+        self.evaluations += 1
+        return float(np.mean(self.weights * ra * rb)), gradient * self.parameters.slope(x)
+
+    def predict(self, reverse: bool = False) -> list[mi.Color3f]:
+        """What the pictures predict, one after another: see `Picture.predict`."""
+        predictions = [picture.predict(reverse) for picture in self.pictures]
+        self.counts = [len(p) for p in predictions]
+        return [part for p in predictions for part in p]
+
+    def fold(self, parts: Sequence[mi.Color3f]) -> tuple[Array, Array]:
+        """Two vectors over the residuals, one a half."""
+        each = iter(parts)
+        a, b = [], []
+        for picture, count in zip(self.pictures, self.counts, strict=True):
+            halves = picture.fold([next(each) for _ in range(count)])
+            a.append(halves[0].ravel())
+            b.append(halves[1].ravel())
+        return np.concatenate(a), np.concatenate(b)
+
+    def unfold(self, a: Array, b: Array) -> list[mi.Color3f]:
+        """The transpose of `fold`."""
+        out, start = [], 0
+        for picture in self.pictures:
+            end = start + 3 * len(picture.pixels)
+            halves = (a[start:end].reshape(3, -1), b[start:end].reshape(3, -1))
+            out += picture.unfold(halves)
+            start = end
+        return out
+
+    def noise(self, residuals: tuple[Array, Array]) -> Array:
+        """Variance of each residual, as ``a + b I + c I^2`` of the predicted intensity `I`, a, b, c >= 0.
+
+        Read off the residuals themselves: additive, shot and multiplicative noise, and as far as it goes what the model
+        cannot explain. Bins of equal count make it robust to a few bright pixels.
+        """
+        mean = 0.5 * (residuals[0] + residuals[1])
+        predicted, square = np.maximum(self.target + mean, 0.0), mean**2
+        order = np.argsort(predicted, kind="stable")
+        groups = [g for g in np.array_split(order, NOISE_BINS) if len(g)]
+        intensity = np.array([predicted[g].mean() for g in groups]) / self.scale
+        power = np.array([predicted[g] @ predicted[g] / len(g) for g in groups]) / self.scale**2
+        variance = np.array([square[g].mean() for g in groups]) / self.scale**2
+        floor = ROUNDING**2
+        variance = np.maximum(variance, floor)
+        basis = np.stack([np.ones_like(intensity), intensity, power], axis=1)
+        a, b, c = nnls(basis / variance[:, None], np.ones(len(groups)))[0]
+        t = predicted / self.scale
+        return self.scale**2 * np.maximum(a + b * t + c * t * t, floor)
+

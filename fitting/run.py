@@ -1,0 +1,315 @@
+"""`fit`: from a scene and pictures to parameters with error bars."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from brdf import UsageError, llvm
+from plugins import scene as scenes
+
+from . import finish, starts, uncertainty
+from .method import why_rendered
+from .parameters import Parameters, resolve
+from .picture import Picture
+from .picture.exact import ExactPicture
+from .picture.rendered import RenderedPicture
+from .problem import Problem
+from .solution import Solution, Step
+from .solvers import Result, Solver, methods
+from .views import Prepared, Target, prepare
+
+Array = npt.NDArray[np.float64]
+Method = Literal["auto", "exact", "rendered"]
+
+VARIANT = "llvm_ad_rgb"
+#: Samples a pixel in each half, level by level: the last two of those that were run are compared.
+EXACT_LEVELS, RENDERED_LEVELS = (4, 16, 64, 256), (8, 32, 128)
+#: Samples kept in memory for all pictures together, at some 200 bytes each.
+MOST_SAMPLES = 8_000_000
+#: Pixels and samples a half for the search of a start.
+SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
+#: Grid points where each is a rendering.
+SEARCH_RENDERINGS = 60
+#: Iterations allowed, by solver.
+ITERATIONS = {"lm": 50, "lbfgs": 200, "adam": 300, "gd": 1000}
+#: Levels end when the last made no parameter move by more than this many standard deviations ...
+STILL = 0.3
+#: ... and the fit's own noise is less than this share of the residual, or the standard deviations are below this anyway.
+QUIET, FINE = 0.2, 1e-3
+
+
+@dataclass
+class Run:
+    """A fit under way."""
+
+    parameters: Parameters
+    views: list[Prepared]
+    integrator: mi.Integrator
+    method: str
+    solver: Solver
+    max_iterations: int
+    seed: int
+    report: Callable[[Step], None]
+    scene: scenes.Scene
+    began: float = field(default_factory=time.perf_counter)
+    history: list[Step] = field(default_factory=list)
+    x: Array | None = None
+    start: Array | None = None
+    problem: Problem | None = None
+    levels: list[int] = field(default_factory=list)
+    moved: Array | None = None
+    result: Result | None = None
+    pressed: Callable[[], bool] = lambda: False
+
+    def pause(self) -> None:
+        """A place where a fit may be interrupted."""
+        if self.pressed():
+            raise KeyboardInterrupt
+
+    def build(self, samples: int, seed: int, every: int = 1) -> Problem:
+        """The problem with this many samples a half, on every `every`-th pixel."""
+        pictures: list[Picture] = []
+        for number, view in enumerate(self.views):
+            groups = [(bsdf, where[::every]) for bsdf, where in view.groups]
+            if self.method == "exact":
+                pictures.append(ExactPicture(self.scene.scene, view.sensor, groups, samples, seed + number))
+            else:
+                where = np.concatenate([w for _, w in groups])
+                together = self.parameters.together()
+                pictures.append(
+                    RenderedPicture(self.scene.scene, view.sensor, self.integrator, together, where, samples, seed + number)
+                )
+        return Problem(self.parameters, pictures, [v.target for v in self.views])
+
+    def solve(self, stage: str) -> None:
+        """Run the solver from `x` on the problem as it is weighted now."""
+        assert self.problem is not None and self.x is not None
+        done = len(self.history)
+
+        def progress(iteration: int, loss: float, x: Array) -> None:
+            self.x = x.copy()
+            if iteration == 0 and done:
+                return
+            values = self.parameters.by_name(self.parameters.values(x))
+            number = self.history[-1].iteration + 1 if self.history else 0
+            step = Step(number, loss, values, time.perf_counter() - self.began, stage)
+            self.history.append(step)
+            self.report(step)
+            self.pause()
+
+        self.result = self.solver(self.problem, self.x, self.max_iterations, progress)
+        self.x = self.result.x
+
+    def reweigh(self) -> None:
+        """Weigh each residual by the inverse of its variance, as the residuals show it."""
+        assert self.problem is not None and self.x is not None
+        self.problem.weigh(1.0 / self.problem.noise(self.problem.residuals(self.x)))
+
+
+def fit(
+    scene: str | os.PathLike[str] | scenes.Scene,
+    targets: Mapping[str, Target],
+    parameters: Mapping[str, Any] | Iterable[str],
+    *,
+    solver: str = "lm",
+    masks: Mapping[str, Target] | None = None,
+    spp: int | None = None,
+    seed: int = 0,
+    max_iterations: int | None = None,
+    method: Method = "auto",
+    progress: Callable[[Step], None] | None = None,
+    **defaults: object,
+) -> Solution:
+    """Fit parameters of materials in a scene to pictures of it.
+
+    Parameters
+    ----------
+    scene : path of a Mitsuba XML file, or a scene from `plugins.scene.load`
+        With at least one fitted material in it; camera and lights as they stood when the pictures were taken.
+    targets : dict
+        By sensor id: a file, or an array of shape (height, width, 3) or (height, width, 4), linear RGB and alpha.
+    parameters : dict or iterable of str
+        ``"ID.PARAM"``; as a dict with starts in the parameter's unit, or None to have one searched for.
+    solver : {"lm", "lbfgs", "adam", "gd"}
+        Levenberg-Marquardt, SciPy's L-BFGS-B, Adam, or steepest descent.
+    masks : dict, optional
+        By sensor id: what is above one half is used.
+    spp : int, optional
+        Samples a pixel. Default: as many as it takes for the error bars not to feel them.
+    seed : int
+    max_iterations : int, optional
+        Of each run of the solver.
+    method : {"auto", "exact", "rendered"}
+        How pictures are predicted: from cached hit points, exact for direct light from points and directions; or through
+        the scene's integrator. "auto" takes the first where it applies.
+    progress : function of a `Step`, optional
+        Called after each iteration.
+    defaults : values for ``$name`` in the scene file
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    UsageError, DataError, NoBackend
+        One line each; see `brdf.errors`.
+    """
+    llvm.require()
+    solvers = methods()
+    if solver not in solvers:
+        raise UsageError(f"solver {solver!r} is not one of {', '.join(solvers)}.")
+    if spp is not None and spp < 2:
+        raise UsageError(f"spp = {spp}: at least 2 samples a pixel are needed, one in each half.")
+    if max_iterations is not None and max_iterations < 1:
+        raise UsageError(f"max_iterations = {max_iterations}: at least 1 is needed.")
+    if mi.variant() is None or not mi.variant().endswith("ad_rgb"):
+        mi.set_variant(VARIANT)
+    loaded = scene if isinstance(scene, scenes.Scene) else scenes.load(scene, **defaults)
+    wanted = dict(parameters) if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
+    free = resolve(loaded, wanted)
+    views = prepare(loaded, targets, masks or {}, free)
+    integrator = loaded.scene.integrator()
+    why = why_rendered(loaded.scene, [v.sensor for v in views])
+    if method == "exact" and why:
+        raise UsageError(f"method exact: {why}. Use method auto or rendered.")
+    run = Run(
+        parameters=Parameters(free),
+        views=views,
+        integrator=integrator,
+        method="rendered" if method == "rendered" or why else "exact",
+        solver=solvers[solver],
+        max_iterations=max_iterations or ITERATIONS[solver],
+        seed=seed,
+        report=progress or (lambda step: None),
+        scene=loaded,
+    )
+    interrupted = False
+    with interruptible() as pressed:
+        run.pressed = pressed
+        try:
+            search(run)
+            refine(run, spp)
+        except KeyboardInterrupt:
+            if not run.history:
+                raise
+            interrupted = True
+    settings = {
+        "scene": os.fspath(loaded.path),
+        "targets": {v.name: v.path for v in views},
+        "masks": {name: m if isinstance(m, str) else "(array)" for name, m in (masks or {}).items()},
+        "parameters": {f.name: None if f.start is None else f.start.tolist() for f in free},
+        "solver": solver,
+        "max_iterations": run.max_iterations,
+        "spp": spp,
+        "samples": [2 * n for n in run.levels],
+        "seed": seed,
+        "asked_method": method,
+        "method": run.method,
+        "why": why,
+        "defaults": {name: str(value) for name, value in defaults.items()},
+        "variant": mi.variant(),
+    }
+    return finish.solution(run, settings, interrupted)
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """Notes a Ctrl-C instead of raising in the middle of a kernel's recording, which would spoil Dr.Jit's state.
+
+    Gives a function that tells whether it was pressed. A second one is raised at once. Outside the main thread signals are
+    left alone.
+    """
+    seen = [False]
+
+    def note(number: int, frame: object) -> None:
+        if seen[0]:
+            raise KeyboardInterrupt
+        seen[0] = True
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: seen[0]
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: seen[0]
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def search(run: Run) -> None:
+    """Find the start, on some of the pixels and few samples."""
+    given = [v for f in run.parameters.free for v in (np.full(f.size, np.nan) if f.start is None else f.start)]
+    pixels = sum(len(where) for view in run.views for _, where in view.groups)
+    exact = run.method == "exact"
+    coarse = run.build(SEARCH_SAMPLES if exact else RENDERED_LEVELS[0], run.seed, max(1, pixels // SEARCH_PIXELS))
+    most = starts.MOST_POINTS if exact else SEARCH_RENDERINGS
+    run.start = run.x = starts.search(coarse, np.array(given), most, run.pause)
+
+
+def refine(run: Run, spp: int | None) -> None:
+    """Solve at growing sample counts, until more samples no longer move the answer against its error bars.
+
+    At the first count with equal weights, which lead home from afar; then with weights from the noise. The first-order
+    methods, which are slow to arrive, do so at one count; how far a larger one would move them is seen from a
+    Gauss-Newton step there.
+    """
+    second_order = run.solver is methods()["lm"]
+    levels = levels_of(run) if spp is None else [max(1, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
+    first = levels[0] if second_order else levels[min(1, len(levels) - 1)]
+    begin(run, first)
+    run.solve("equal weights")
+    run.reweigh()
+    run.solve("noise weights")
+    if not second_order:
+        check_samples(run, first)
+        return
+    run.reweigh()
+    run.solve("noise weights")
+    for samples in levels[1:]:
+        before = run.x
+        begin(run, samples)
+        run.reweigh()
+        run.solve(f"{2 * samples} samples")
+        assert run.problem is not None and run.x is not None and before is not None
+        run.moved = run.x - before
+        found = uncertainty.estimate(run.problem, run.problem.linearize(run.x), run.x)
+        sd = np.where(np.isfinite(found.sd), found.sd, np.inf)
+        still = bool(np.all(np.abs(run.moved) <= np.maximum(STILL * sd, 1e-6)))
+        if still and (found.sampling_share <= QUIET or bool(np.all(found.sd[np.isfinite(found.sd)] <= FINE))):
+            break
+
+
+def begin(run: Run, samples: int) -> None:
+    """Take up the problem with this many samples a half."""
+    run.problem = run.build(samples, run.seed + 1000)
+    run.levels.append(samples)
+
+
+def levels_of(run: Run) -> list[int]:
+    """Samples a half to go through, as far as memory allows."""
+    if run.method == "rendered":
+        return list(RENDERED_LEVELS)
+    lights = len(run.scene.scene.emitters())
+    pixels = sum(len(where) for view in run.views for _, where in view.groups)
+    return [n for n in EXACT_LEVELS if 2 * n * lights * pixels <= MOST_SAMPLES] or [EXACT_LEVELS[0]]
+
+
+def check_samples(run: Run, samples: int) -> None:
+    """How far four times the samples would move the answer."""
+    assert run.problem is not None and run.x is not None
+    weights = run.problem.weights
+    finer = run.build(4 * samples, run.seed + 1000).linearize(run.x)
+    h, g = finer.hessian(weights), finer.gradient(weights)
+    run.moved = np.clip(np.linalg.lstsq(h, -g, rcond=1e-9)[0], -1.0, 1.0)

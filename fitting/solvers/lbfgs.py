@@ -1,0 +1,40 @@
+"""SciPy's L-BFGS-B: bounds, limited memory, gradients by reverse-mode differentiation."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import Bounds, minimize
+
+from ..problem import Problem
+from . import Progress, Result
+
+Array = npt.NDArray[np.float64]
+
+
+def solve(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
+    """`scipy.optimize.minimize(method="L-BFGS-B")` in the coordinates of the parameters' scales."""
+    seen: dict[bytes, float] = {}
+
+    def value(x: Array) -> tuple[float, Array]:
+        loss, gradient = problem.descend(x)
+        seen[x.tobytes()] = loss
+        return loss, gradient
+
+    count = 0
+
+    def after(x: Array) -> None:
+        nonlocal count
+        count += 1
+        progress(count, seen.get(x.tobytes(), float("nan")), np.asarray(x))
+
+    out = minimize(
+        value,
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=Bounds(problem.parameters.low, problem.parameters.high),
+        callback=after,
+        options={"maxiter": max_iterations, "ftol": 1e-12, "gtol": 1e-12},
+    )
+    return Result(np.asarray(out.x), int(out.nit), bool(out.success), f"L-BFGS-B: {out.message}")

@@ -1,0 +1,114 @@
+"""Where a fit starts when nobody says: the best point of a coarse grid."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import lsq_linear
+from scipy.stats import qmc
+
+from brdf import Param
+
+from .problem import Problem
+
+Array = npt.NDArray[np.float64]
+
+#: Points along a logarithmic parameter, and along any other.
+LOG_POINTS, OTHER_POINTS = 12, 5
+#: Beyond this many points the grid becomes a Sobol sequence of this length.
+MOST_POINTS = 256
+#: A logarithmic grid spans this factor below the upper bound; ``eta - 1`` this range.
+LOG_SPAN, ABOVE_ONE = 200.0, (0.05, 2.0)
+
+
+def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Callable[[], None] = lambda: None) -> Array:
+    """The best start, in the coordinates `x`.
+
+    The numbers that have no start are tried on a grid. At each of its points the colours without a start are solved for
+    as a linear problem with bounds, which is exact for reflectances.
+
+    Parameters
+    ----------
+    fixed : array, shape (p,)
+        Starts that were given, in physical values; NaN for the others.
+    most : int
+        Points of the grid at most.
+    pause : function, optional
+        Called before each point; may raise to end the search.
+    """
+    parameters = problem.parameters
+    open_ = np.isnan(fixed)
+    kinds = np.array([q.kind for q in parameters.params])
+    numbers = np.flatnonzero(open_ & (kinds == "number"))
+    colours = np.flatnonzero(open_ & (kinds == "colour"))
+    defaults = np.array([default(q, c) for q, c in zip(parameters.params, parameters.components, strict=True)])
+    base = np.where(open_, defaults, fixed)
+    if not numbers.size and not colours.size:
+        return parameters.free_of(base)
+    best, best_loss = base, math.inf
+    for point in grid([parameters.params[i] for i in numbers], most):
+        pause()
+        values = base.copy()
+        values[numbers] = point
+        loss, solved = with_colours(problem, values, colours)
+        if loss < best_loss:
+            best, best_loss = solved, loss
+    return parameters.free_of(best)
+
+
+def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp]) -> tuple[float, Array]:
+    """The loss at `values` once the components `colours` are solved for, and these values."""
+    parameters = problem.parameters
+    x = parameters.free_of(values)
+    if not colours.size:
+        return problem.loss(x), values
+    linear = problem.linearize(x, colours)
+    w = np.sqrt(problem.weights)
+    jacobian = 0.5 * (linear.jacobian[0] + linear.jacobian[1]) / parameters.slope(x)[colours] * w[:, None]
+    r = 0.5 * (linear.r[0] + linear.r[1]) * w
+    normal = jacobian.T @ jacobian
+    ridge = 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(colours))
+    root = np.linalg.cholesky(normal + ridge).T
+    right = np.linalg.solve(root.T, jacobian.T @ (jacobian @ values[colours] - r))
+    bounds = np.array([parameters.params[i].interior() for i in colours]).T
+    solved = np.clip(lsq_linear(root, right, (bounds[0], bounds[1])).x, bounds[0], bounds[1])
+    step = solved - values[colours]
+    out = values.copy()
+    out[colours] = solved
+    return float(np.mean((r + jacobian @ step) ** 2)), out
+
+
+def grid(params: list[Param], most: int) -> list[Array]:
+    """Points to try, in physical values."""
+    axes = [axis(q) for q in params]
+    if math.prod(len(a) for a in axes) <= most:
+        return [np.array(point) for point in itertools.product(*axes)]
+    unit = qmc.Sobol(len(params), scramble=False).random(most)
+    return [
+        np.array([q.to_value(q.to_free(a[0]) + u * (q.to_free(a[-1]) - q.to_free(a[0]))) for q, a, u in zip(params, axes, row, strict=True)])
+        for row in unit
+    ]
+
+
+def axis(p: Param) -> Array:
+    """Values of one number to try, evenly spaced in the coordinate of its scale."""
+    low, high = p.interior()
+    if not math.isfinite(high):
+        high = max(abs(float(p.default)), 1.0) * math.sqrt(LOG_SPAN)
+    if p.scale == "log":
+        return np.geomspace(max(low, high / LOG_SPAN), high, LOG_POINTS)
+    if p.scale == "log_minus_one":
+        return 1 + np.geomspace(max(low - 1, ABOVE_ONE[0]), min(high - 1, ABOVE_ONE[1]), OTHER_POINTS)
+    inset = (high - low) / (2 * OTHER_POINTS)
+    return np.linspace(low + inset, high - inset, OTHER_POINTS)
+
+
+def default(p: Param, component: str) -> float:
+    """A start for a component that the grid does not cover: its default, or the middle where that is an end of the bounds."""
+    value = float(p.default["rgb".index(component[-1])] if p.kind == "colour" else p.default)
+    low, high = p.bounds
+    return 0.5 * (low + high) if value in (low, high) and math.isfinite(high) else value

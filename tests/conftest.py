@@ -1,0 +1,3 @@
+"""Before any test imports Dr.Jit or Mitsuba, brdf chooses their libLLVM."""
+
+import brdf  # noqa: F401

@@ -1,0 +1,98 @@
+"""The formulas as books print them, in 60 digits: where a stable form must not differ, and shares no code with it.
+
+Directions are triples of any length near 1 (they come rounded to float32 or float64). What a formula means then:
+``h = wi + wo``; ``cos^2`` between light and facet is ``|h|^2 / (|h|^2 + |wi - wo|^2)``; ``v.h = |h|/2`` for the unit half
+vector. For unit vectors these are identities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mpmath
+from mpmath import mp, mpf
+
+mp.dps = 60
+
+Vector = Sequence[Any]
+
+
+class Pair:
+    """Angles of a pair of directions: ``nh`` cosine of the half vector, ``vh`` cosine between light and facet."""
+
+    def __init__(self, wi: Vector, wo: Vector) -> None:
+        i, o = [mpf(float(c)) for c in wi], [mpf(float(c)) for c in wo]
+        h = [a + b for a, b in zip(i, o, strict=True)]
+        hh = mpmath.fsum(c * c for c in h)
+        dd = mpmath.fsum((a - b) ** 2 for a, b in zip(i, o, strict=True))
+        self.i, self.o = i, o
+        self.ni, self.no = i[2], o[2]
+        self.nh = h[2] / mpmath.sqrt(hh)
+        self.vh = mpmath.sqrt(hh / (hh + dd))
+        self.half_length = mpmath.sqrt(hh) / 2  # v.h, for the V-cavity
+
+
+def tan(w: Vector) -> Any:
+    """Tangent of the angle from the normal."""
+    return mpmath.sqrt(w[0] ** 2 + w[1] ** 2) / w[2]
+
+
+def beckmann_d(nh: Any, m: Any) -> Any:
+    theta = mpmath.acos(nh)
+    return mpmath.exp(-((mpmath.tan(theta) / m) ** 2)) / (mpmath.pi * m**2 * mpmath.cos(theta) ** 4)
+
+
+def beckmann_peak(nh: Any, m: Any) -> Any:
+    """`beckmann_d` without its exponential: the scale of its value and of rounding in it."""
+    return 1 / (mpmath.pi * m**2 * nh**4)
+
+
+def vcavity_g(p: Pair) -> Any:
+    return min(mpf(1), 2 * p.nh * p.ni / p.half_length, 2 * p.nh * p.no / p.half_length)
+
+
+def vcavity_g1(p: Pair) -> Any:
+    """Masking of `wi` alone."""
+    return min(mpf(1), 2 * p.nh * p.ni / p.half_length)
+
+
+def smith_g1(w: Vector, m: Any) -> Any:
+    t = tan(w)
+    if t == 0:
+        return mpf(1)
+    a = 1 / (m * t)
+    return 2 / (1 + mpmath.erf(a) + mpmath.exp(-(a**2)) / (a * mpmath.sqrt(mpmath.pi)))
+
+
+def fresnel_dielectric(c: Any, eta: Any) -> Any:
+    """Snell's law and the two amplitudes."""
+    sin_t = mpmath.sqrt(1 - c**2) / eta
+    if sin_t >= 1:
+        return mpf(1)
+    cos_t = mpmath.sqrt(1 - sin_t**2)
+    s = (c - eta * cos_t) / (c + eta * cos_t)
+    p = (eta * c - cos_t) / (eta * c + cos_t)
+    return (s**2 + p**2) / 2
+
+
+def fresnel_schlick(c: Any, eta: Any) -> Any:
+    f0 = ((eta - 1) / (eta + 1)) ** 2
+    return f0 + (1 - f0) * (1 - c) ** 5
+
+
+FRESNEL: dict[str, Callable[[Any, Any], Any]] = {
+    "exact": fresnel_dielectric,
+    "schlick": fresnel_schlick,
+    "constant": lambda c, eta: mpf(1),
+}
+MASKING: dict[str, Callable[[Pair, Any], Any]] = {
+    "vcavity": lambda p, m: vcavity_g(p),
+    "smith": lambda p, m: smith_g1(p.i, m) * smith_g1(p.o, m),
+    "none": lambda p, m: mpf(1),
+}
+
+
+def cooktorrance_pdf(p: Pair, m: Any, d: Callable[..., Any] = beckmann_d) -> Any:
+    """Density of reflections on facets seen from wi, V-cavities [1/sr]."""
+    return d(p.nh, m) * vcavity_g1(p) / (4 * p.ni)
