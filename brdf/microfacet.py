@@ -141,7 +141,7 @@ def vcavity_visible(h: Any, w: Any, u: Any) -> Any:
 
     References
     ----------
-    heitz2014, sec. 4 (V-cavity).
+    heitz2014 (V-cavities).
     """
     across, along = w.x * h.x + w.y * h.y, w.z * h.z
     here, there = dr.maximum(along + across, 0), dr.maximum(along - across, 0)

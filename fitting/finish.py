@@ -167,7 +167,10 @@ def views(run: Run, mean: Array) -> list[View]:
         image = mi.render(
             run.scene.scene, sensor=view.sensor, integrator=run.integrator, spp=RENDER_SPP, seed=run.seed + number
         )
-        render = np.array(image, dtype=np.float32)[..., :3]
+        render = np.array(image, dtype=np.float32)[..., :3].copy()
+        # Where the fit predicted a pixel, from many more samples of the light, that is the better picture.
+        channel, pixel = run.problem.channel[here], run.problem.pixel[here]
+        render.reshape(-1, 3)[pixel, channel] = (run.problem.target + mean)[here]
         rms = rms_of(mean[here], run.problem.target[here])
         out.append(View(view.name, view.path, view.target, render, view.used, rms))
     return out

@@ -32,13 +32,10 @@ def ready(folder: str | os.PathLike[str]) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"{folder}: cannot be made: {error.strerror}. Choose another --out.") from error
-    with replacing(folder / "fit.json") as probe:
-        probe.write_text("")
-        probe.unlink()
-        if (folder / "fit.json").is_file():
-            probe.write_bytes((folder / "fit.json").read_bytes())
-        else:
-            probe.write_text("{}\n")
+    probe = folder / ".writable"
+    with replacing(probe):
+        pass
+    probe.unlink()
     return folder
 
 
@@ -59,8 +56,8 @@ def write(solution: Solution, folder: str | os.PathLike[str], **defaults: object
     written = []
     for name, params in values.items():
         path = folder / ("material.xml" if len(values) == 1 else f"material-{name}.xml")
-        comment = f"{name}, fitted by: {command(solution.settings)}"
-        xmlfile.material(scene, name, params, path, comment.replace("--", "- -"), **defaults)
+        comment = f"{name}: fitted by brdf-fitting {solution.versions['brdf-fitting']}. Error bars and settings: fit.json"
+        xmlfile.material(scene, name, params, path, comment, **defaults)
         written.append(path)
     written += xmlfile.rewrite(scene, folder / "scene.xml", values, **defaults)
     for view in solution.views:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import threading
@@ -77,7 +78,7 @@ class Run:
         if self.pressed():
             raise KeyboardInterrupt
 
-    def build(self, samples: int, seed: int, every: int = 1) -> Problem:
+    def build(self, samples: int, seed: int, every: int = 1, halves: int = 2) -> Problem:
         """The problem with this many samples a half, on every `every`-th pixel."""
         pictures: list[Picture] = []
         for number, view in enumerate(self.views):
@@ -87,8 +88,9 @@ class Run:
             else:
                 where = np.concatenate([w for _, w in groups])
                 together = self.parameters.together()
+                scene = self.scene.scene
                 pictures.append(
-                    RenderedPicture(self.scene.scene, view.sensor, self.integrator, together, where, samples, seed + number)
+                    RenderedPicture(scene, view.sensor, self.integrator, together, where, samples, seed + number, halves)
                 )
         return Problem(self.parameters, pictures, [v.target for v in self.views])
 
@@ -196,7 +198,7 @@ def fit(
         scene=loaded,
     )
     interrupted = False
-    with interruptible() as pressed:
+    with collector_paused(), interruptible() as pressed:
         run.pressed = pressed
         try:
             search(run)
@@ -222,6 +224,20 @@ def fit(
         "variant": mi.variant(),
     }
     return finish.solution(run, settings, interrupted)
+
+
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """Keeps Python's cyclic garbage collector from freeing a scene while Dr.Jit traces a BSDF written in Python, which ends in
+    a segmentation fault (Mitsuba 3.9.1)."""
+    was = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 @contextmanager
@@ -253,7 +269,8 @@ def search(run: Run) -> None:
     given = [v for f in run.parameters.free for v in (np.full(f.size, np.nan) if f.start is None else f.start)]
     pixels = sum(len(where) for view in run.views for _, where in view.groups)
     exact = run.method == "exact"
-    coarse = run.build(SEARCH_SAMPLES if exact else RENDERED_LEVELS[0], run.seed, max(1, pixels // SEARCH_PIXELS))
+    samples = SEARCH_SAMPLES if exact else RENDERED_LEVELS[0]
+    coarse = run.build(samples, run.seed, max(1, pixels // SEARCH_PIXELS), halves=1)
     most = starts.MOST_POINTS if exact else SEARCH_RENDERINGS
     run.start = run.x = starts.search(coarse, np.array(given), most, run.pause)
 

@@ -24,6 +24,9 @@ MOST_POINTS = 256
 #: A logarithmic grid spans this factor below the upper bound; ``eta - 1`` this range.
 LOG_SPAN, ABOVE_ONE = 200.0, (0.05, 2.0)
 
+#: How far from the ends of its range a colour starts, as a fraction of it.
+INSET = 0.01
+
 
 def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Callable[[], None] = lambda: None) -> Array:
     """The best start, in the coordinates `x`.
@@ -57,6 +60,10 @@ def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Calla
         loss, solved = with_colours(problem, values, colours)
         if loss < best_loss:
             best, best_loss = solved, loss
+    # At an end of a logit scale the slope vanishes: a colour found to be black starts a little off it.
+    ends = np.array([parameters.params[i].bounds for i in colours]).reshape(-1, 2)
+    inset = np.where(np.isfinite(ends[:, 1]), INSET * (ends[:, 1] - ends[:, 0]), 0.0)
+    best[colours] = np.clip(best[colours], ends[:, 0] + inset, ends[:, 1] - inset)
     return parameters.free_of(best)
 
 
@@ -65,7 +72,9 @@ def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp])
     parameters = problem.parameters
     x = parameters.free_of(values)
     if not colours.size:
-        return problem.loss(x), values
+        ra, rb = problem.residuals(x)
+        # Not the product of the halves: where few samples meet a sharp lobe, that may be negative and still be the worst.
+        return float(np.mean(problem.weights * (0.5 * (ra + rb)) ** 2)), values
     linear = problem.linearize(x, colours)
     w = np.sqrt(problem.weights)
     jacobian = 0.5 * (linear.jacobian[0] + linear.jacobian[1]) / parameters.slope(x)[colours] * w[:, None]

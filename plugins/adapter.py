@@ -183,7 +183,7 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
         if key not in declared:
             near = difflib.get_close_matches(key, declared, 1)
             guess = f"Did you mean {near[0]}? " if near else ""
-            raise UsageError(f"{name}: {key!r} is not a parameter of this model. {guess}It has: {', '.join(declared)}.")
+            raise UsageError(f"{name}: {key!r} is not a parameter of this model. {guess}It has: {', '.join(declared) or 'none'}.")
         if declared[key].kind == "choice":
             choices[key] = props[key]
             if not isinstance(choices[key], str):
@@ -193,7 +193,7 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
     for key in props.keys():  # noqa: SIM118
         if key not in parameters and key not in choices:
             made = ", ".join(f"{p.name} = {getattr(model, p.name)}" for p in model.params if p.kind == "choice")
-            raise UsageError(f"{name}: {key!r} is not a parameter with {made}. It has: {', '.join(parameters)}.")
+            raise UsageError(f"{name}: {key!r} is not a parameter with {made}. It has: {', '.join(parameters) or 'none'}.")
     return model, {p.name: texture(name, p, props) for p in parameters.values()}
 
 

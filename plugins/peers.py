@@ -1,9 +1,9 @@
 """What may be fitted of Mitsuba's own BSDFs, and how their XML says it.
 
-The names are those of ``mi.traverse``. Each entry was compared, by forward-mode derivative of ``eval`` against central
-differences, on 20 000 pairs of directions: they agree to float32. The derivative of ``roughdielectric`` in ``eta`` does
-so away from the critical angle, where the reflectance seen from inside has a kink. Left out: ``principled``'s sampling
-rates, which do not change what it looks like, and everything of other plugins.
+The names are those of ``mi.traverse``. A test compares the forward-mode derivative of ``eval`` in each with
+differences: they agree to float32. That of ``roughdielectric`` in ``eta`` does so seen from outside; from inside, the
+reflectance has a kink at the critical angle. Left out: ``principled``'s sampling rates, which do not change how it
+looks.
 
 ``principled`` switches a lobe off while its weight is 0 and then gives no gradient: start from more than 0.
 """

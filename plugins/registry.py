@@ -95,9 +95,8 @@ def try_out(model: Model) -> None:
     ):
         if not isinstance(returned, tuple) or len(returned) != len(model.lobes):
             got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
-            raise UsageError(
-                f"{model.name}: {method} returned {got}. It returns a tuple with one entry for each of {len(model.lobes)} lobes."
-            )
+            want = f"a tuple with one entry a lobe, here {len(model.lobes)}"
+            raise UsageError(f"{model.name}: {method} returned {got}. It returns {want}.")
     for i in range(len(model.lobes)):
         model.sample(p, up, u, i)
 

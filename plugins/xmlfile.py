@@ -17,7 +17,7 @@ from brdf.errors import DataError
 from . import peers
 from .peers import Value
 from .scene import Parsed, parse, search_path, searching
-from .xmlscan import Element, File, attribute_text, indentation, is_object, read, snake_case, substitute
+from .xmlscan import Element, File, Link, attribute_text, indentation, is_object, read, snake_case, substitute
 
 
 def rewrite(
@@ -50,34 +50,35 @@ def rewrite(
     """
     path, out = Path(path), Path(out)
     with searching(path):
-        folders = search_path()
+        folders = search_path()  # before <path> adds to it
         parsed = parse(path, defaults)
         files = follow(path, parsed, {k: str(v) for k, v in defaults.items()}, folders)
-        folders = search_path()  # now with what <path> added
     for name, given in values.items():
         node = parsed.node(name)
         change(files[node.file_index], parsed, name, {param: tidy(value) for param, value in given.items()})
 
     written = []
     home, there = path.resolve().parent, out.parent.resolve()
-    # An included file comes after the one that includes it: going backwards, its copy has a name before that is needed.
-    for number in reversed(range(1, len(files))):
+    for number in reversed(range(1, len(files))):  # what a file includes comes after it
         file = files[number]
-        if file.edits and file.parent is not None and file.include is not None:
-            copy = out.parent / f"{out.stem}.{file.path.name}"
-            while copy in written or any(copy.resolve() == f.path.resolve() for f in files):
-                copy = copy.with_name(f"{copy.stem}-{number}{copy.suffix}")
-            hidden = any((folder / copy.name).exists() for folder in folders if folder.resolve() != there)
-            target = str(copy.resolve()) if hidden else copy.name  # a file of this name elsewhere would be found first
-            files[file.parent].edits.append((*file.include.attributes["filename"], attribute_text(target)))
-            save(copy, file.changed())
-            written.append(copy)
+        if file.edits or any(link.file and link.file.copy for link in file.links):
+            file.copy = out.parent / f"{out.stem}.{file.path.name}"
+            while file.copy in written or any(file.copy.resolve() == f.path.resolve() for f in files):
+                file.copy = file.copy.with_name(f"{file.copy.stem}-{number}{file.copy.suffix}")
+            written.append(file.copy)
     main = files[0]
+    main.copy = out
     if there != home and not main.root.empty:
         line = b'<path value="' + attribute_text(relative(home, there)) + b'"/>'
         first = main.root.children[0].start if main.root.children else main.root.end
         main.edits.append((main.root.opened, main.root.opened, (indentation(main.text, first) or b"") + line))
-    save(out, main.changed())
+    for file in reversed(files):
+        if file.copy:
+            for link in file.links:
+                target = (link.file and link.file.copy) or link.target
+                if resolve(link.name, [there, *link.folders]).resolve() != target.resolve():
+                    file.edits.append((*link.place, attribute_text(relative(target.resolve(), there))))
+            save(file.copy, file.changed())
     return [*written, out]
 
 
@@ -177,27 +178,35 @@ def insert(file: File, bsdf: Element, new: list[bytes]) -> None:
 
 
 def follow(path: Path, parsed: Parsed, values: dict[str, str], folders: list[Path]) -> list[File]:
-    """The files of a scene in the order of ``state.files``: each <include> matched with what Mitsuba read for it."""
-    read_by_mitsuba = [Path(str(f)) for f in parsed.state.files]
+    """The files of a scene in the order of ``state.files``: each <include> matched with what Mitsuba read for it.
+
+    Mitsuba looks for what <include> and <path> name beside the file they stand in, then in `folders`. A <path> adds to
+    these, in an included file until its end.
+    """
     files: list[File] = []
 
-    def enter(file: File) -> None:
+    def enter(file: File, folders: list[Path]) -> None:
         files.append(file)
-        number = len(files) - 1
         for e in file.root.walk():
             if e.tag == "default":
                 values.setdefault(file.raw(e, "name"), substitute(file.raw(e, "value"), values))
-            elif e.tag == "path":
-                folders.insert(0, resolve(substitute(file.raw(e, "value"), values), folders))
-            elif e.tag == "include":
-                target = resolve(substitute(file.raw(e, "filename"), values), folders)
+            elif e.tag in ("include", "path"):
+                attribute = "filename" if e.tag == "include" else "value"
+                name = substitute(file.raw(e, attribute), values)
+                target = resolve(name, [file.path.parent, *folders])
+                link = Link(e.attributes[attribute], name, list(folders), target)
+                file.links.append(link)
+                if e.tag == "path":
+                    folders.insert(0, target)
+                    continue
+                link.file = read(target)
                 before = len(files)
-                enter(read(target, number, e))
-                if len(files) == before + 1 and not any(is_object(x) for x in files[-1].root.walk()):
+                enter(link.file, list(folders))
+                if len(files) == before + 1 and not any(is_object(x) for x in link.file.root.walk()):
                     files.pop()  # Mitsuba does not count a file from which no object comes
 
-    enter(read(path))
-    if [f.path.resolve() for f in files] != [p.resolve() for p in read_by_mitsuba]:
+    enter(read(path), folders)
+    if [f.path.resolve() for f in files] != [Path(str(f)).resolve() for f in parsed.state.files]:
         raise DataError(f"{path}: its <include> elements cannot be followed. Put the BSDFs into the file itself.")
     return files
 

@@ -39,15 +39,15 @@ class Element:
 
 @dataclass
 class File:
-    """A scene file or one that it includes: its bytes as UTF-8, where it is included, and the changes to make."""
+    """A scene file or one that it includes: its bytes as UTF-8, what it leads to, and the changes to make."""
 
     path: Path
     text: bytes
     codec: str | None
     root: Element
-    parent: int | None = None
-    include: Element | None = None
+    links: list[Link] = field(default_factory=list)
     edits: list[tuple[int, int, bytes]] = field(default_factory=list)
+    copy: Path | None = None
 
     def raw(self, element: Element, attribute: str) -> str:
         """The text of an attribute as written; empty without it."""
@@ -64,12 +64,23 @@ class File:
         return text if self.codec is None else text.decode().encode(self.codec, "xmlcharrefreplace")
 
 
+@dataclass
+class Link:
+    """An <include> or a <path>: where its name stands, the name, where else Mitsuba looks for it, what it leads to."""
+
+    place: tuple[int, int]
+    name: str
+    folders: list[Path]
+    target: Path
+    file: File | None = None
+
+
 def is_object(element: Element) -> bool:
     """Whether Mitsuba makes an object of an element, <scene> apart: it has a type."""
     return "type" in element.attributes
 
 
-def read(path: Path, parent: int | None = None, include: Element | None = None) -> File:
+def read(path: Path) -> File:
     """Read a file as Mitsuba does: UTF-16 by its first bytes, Latin-1 if declared, everything else taken as UTF-8."""
     try:
         raw = path.read_bytes()
@@ -84,7 +95,7 @@ def read(path: Path, parent: int | None = None, include: Element | None = None) 
     elif declared and declared[1].lower() in (b"iso-8859-1", b"latin1"):
         codec = "latin-1"
     text = raw if codec is None else raw.decode(codec).encode()
-    return File(path, text, codec, scan(path, text), parent, include)
+    return File(path, text, codec, scan(path, text))
 
 
 def scan(path: Path, text: bytes) -> Element:

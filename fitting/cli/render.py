@@ -11,6 +11,7 @@ import typer
 from brdf import llvm
 from brdf.errors import DataError, NoBackend, UsageError
 
+from .fit import pair
 from .output import Json, print_json, progress_bar
 
 if TYPE_CHECKING:
@@ -31,9 +32,14 @@ def command(
     seed: Annotated[int, typer.Option(min=0, help="Another seed, other noise.")] = 0,
     sensor: Annotated[str | None, typer.Option(metavar="ID", help="The sensor of that id. Default: the first.")] = None,
     variant: Annotated[str, typer.Option(help="The variant of Mitsuba.")] = "llvm_ad_rgb",
+    define: Annotated[
+        list[str],
+        typer.Option("-D", metavar="NAME=VALUE", help="A value for $NAME in the scene."),
+    ] = [],  # noqa: B006  (typer reads it, nobody changes it)
     as_json: Json = False,
 ) -> None:
     """Render a scene with our models in it."""
+    defaults = dict(pair(d, "-D", "NAME=VALUE") for d in define)
     if out.suffix.lower() not in (".exr", ".png"):
         raise UsageError(f"--out {out}: a picture is written as .exr or .png. Name it with one of them.")
     if not out.parent.is_dir():
@@ -53,7 +59,7 @@ def command(
     from plugins.scene import load
 
     start = time.perf_counter()
-    loaded = load(scene)
+    loaded = load(scene, **defaults)
     name, camera = find_sensor(loaded, sensor)
     count = spp or camera.sampler().sample_count()
     picture = render(loaded.scene, camera, count, seed)

@@ -27,6 +27,8 @@ class RenderedPicture:
     samples : int
         Samples a pixel in each half.
     seed : int
+    halves : {2, 1}
+        1: one rendering stands for both halves, for a coarse search.
     """
 
     def __init__(
@@ -38,8 +40,9 @@ class RenderedPicture:
         pixels: npt.NDArray[np.int64],
         samples: int,
         seed: int,
+        halves: int = 2,
     ) -> None:
-        self.pixels = pixels
+        self.pixels, self.halves = pixels, halves
         self.samples = samples
         self.scene, self.sensor, self.integrator, self.entries = scene, sensor, integrator, entries
         self.index = mi.UInt32(pixels.astype(np.uint32))
@@ -47,7 +50,7 @@ class RenderedPicture:
         self.seeds = [dr.opaque(mi.UInt32, int(s)) for s in rng.integers(0, 2**31, 4)]
 
     def predict(self, reverse: bool = False) -> list[mi.Color3f]:
-        return [self.render(half) for half in (0, 1)]
+        return [self.render(half) for half in range(self.halves)]
 
     def render(self, half: int) -> mi.Color3f:
         image = mi.render(
@@ -63,7 +66,9 @@ class RenderedPicture:
         return mi.Color3f(*(dr.gather(mi.Float, image.array, at + c) for c in range(3)))
 
     def fold(self, parts: Sequence[mi.Color3f]) -> tuple[Array, Array]:
-        return np.array(parts[0], dtype=np.float64), np.array(parts[1], dtype=np.float64)
+        arrays = [np.array(part, dtype=np.float64) for part in parts]
+        return arrays[0], arrays[-1]
 
     def unfold(self, halves: tuple[Array, Array]) -> list[mi.Color3f]:
-        return [mi.Color3f(half.astype(np.float32)) for half in halves]
+        a, b = halves
+        return [mi.Color3f(half.astype(np.float32)) for half in ([a, b] if self.halves == 2 else [a + b])]

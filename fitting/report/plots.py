@@ -51,7 +51,6 @@ STYLE: dict[Any, Any] = {
     "ytick.color": FAINT,
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
-    "text.parse_math": False,
 }
 
 
@@ -281,7 +280,7 @@ def iterations(history: Sequence[Step]) -> Array:
 def whole_numbers(axes: Axes, x: Array) -> None:
     """Marks of the iterations, with room for a single one."""
     axes.set_xlim(x[0] - 0.5, x[-1] + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True, min_n_ticks=1))
 
 
 def decades(axes: Axes) -> None:

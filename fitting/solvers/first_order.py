@@ -34,7 +34,7 @@ def adam(problem: Problem, start: Array, max_iterations: int, progress: Progress
         rate = ADAM_RATE * (ADAM_LAST + (1 - ADAM_LAST) * 0.5 * (1 + np.cos(np.pi * i / max_iterations)))
         x = np.clip(x - rate * unit, problem.parameters.low, problem.parameters.high)
     progress(max_iterations, problem.loss(x), x)
-    return Result(x, max_iterations, True, f"ran its {max_iterations} iterations")
+    return Result(x, max_iterations, True, f"it ran its {max_iterations} iterations")
 
 
 def gd(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
@@ -59,4 +59,4 @@ def gd(problem: Problem, start: Array, max_iterations: int, progress: Progress) 
         progress(i, loss, x)
         if len(losses) > GD_PATIENCE and losses[-1 - GD_PATIENCE] - loss <= GD_ENOUGH * abs(loss):
             return Result(x, i, True, "the residual no longer falls")
-    return Result(x, max_iterations, False, f"stopped after {max_iterations} iterations")
+    return Result(x, max_iterations, False, f"it stopped after {max_iterations} iterations")

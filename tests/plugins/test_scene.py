@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from brdf import DataError, UsageError
-from plugins import peers, scene
+from plugins import scene
 
 
 @pytest.fixture(autouse=True)
@@ -323,21 +323,3 @@ def test_bsdfs_do_not_share_a_constant_they_refer_to(tmp_path: Path) -> None:
     params.update()
     other, key = scene.leaf(bsdfs["b"].bsdf, "alpha")
     assert np.array(other[key]).ravel().tolist() == [np.float32(0.2)]
-
-
-@pytest.mark.parametrize("plugin", peers.TABLE)
-def test_the_table_of_peers_is_right(plugin: str) -> None:
-    """Each name is one that ``mi.traverse`` gives for some XML, each default inside the bounds."""
-    given = {
-        "roughconductor": [{"alpha_u": 0.1, "alpha_v": 0.2}],
-        "roughdielectric": [{"alpha_u": 0.1, "alpha_v": 0.2}],
-        "principled": [{"eta": 1.4}],
-    }.get(plugin, [])
-    white = {"type": "rgb", "value": 1.0}
-    tints = {p.name: white for p in peers.TABLE[plugin] if p.name.startswith("specular_")}
-    made = [mi.load_dict({"type": plugin, **tints, **extra}) for extra in [{}, *given]]
-    keys = {k.split(".")[0] for bsdf in made for k in list(mi.traverse(bsdf).keys())}
-    for p in peers.TABLE[plugin]:
-        assert p.name in keys
-        if (plugin, p.name) != ("roughconductor", "eta"):  # 0 by default: a perfect mirror
-            p.check(plugin, p.default)

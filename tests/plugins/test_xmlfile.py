@@ -122,7 +122,11 @@ CASES: list[tuple[str, dict[str, dict[str, Any]], str | None]] = [
         '\n\t<rgb name="eta" value="1.0, 2.0, 3.0"/>\n\t<rgb name="k" value="4.0, 5.0, 6.0"/>\n</bsdf>',
     ),
     ('<bsdf type="roughconductor" id="a"><string name="material" value="Al"/></bsdf>', {"a": {"k": (4, 5, 6)}}, None),
-    ('<bsdf type="principled" id="a"><float name="eta" value="1.5"/></bsdf>', {"a": {"eta": 1.25, "roughness": 0.25}}, None),
+    (
+        '<bsdf type="principled" id="a"><float name="eta" value="1.5"/></bsdf>',
+        {"a": {"eta": 1.25, "roughness": 0.25}},
+        None,
+    ),
     ('<bsdf type="principled" id="a"/>', {"a": {"specular": 0.25, "sheen": 0.5, "base_color": (0.1, 0.2, 0.3)}}, None),
 ]
 
@@ -169,7 +173,9 @@ def test_encodings_and_line_ends(tmp_path: Path, codec: str, declared: str, newl
     path, out = tmp_path / "scene.xml", tmp_path / "out.xml"
     path.write_bytes(text.format("").replace("\n", newline).encode(codec))
     xmlfile.rewrite(path, out, {"ö": {"m": 0.5, "eta": 1.25}})
-    assert out.read_bytes() == text.format('\n    <float name="eta" value="1.25"/>').replace("\n", newline).encode(codec)
+    assert out.read_bytes() == text.format('\n    <float name="eta" value="1.25"/>').replace("\n", newline).encode(
+        codec
+    )
     assert value(scene.load(out).bsdfs["ö"].bsdf, "eta") == [1.25]
 
 
@@ -190,7 +196,7 @@ def test_numbers_read_back_as_they_were(number: float) -> None:
 
 # ------------------------------------------------------------------------------------------------ folders
 
-ODD = "a & b's $ \"q\" ü"
+ODD = 'a & b\'s $ "q" ü'
 
 
 @pytest.fixture
@@ -299,20 +305,82 @@ def test_a_written_scene_can_be_fitted_and_written_again(world: Path) -> None:
     assert value(loaded.bsdfs["floor"].bsdf, "alpha") == single(0.35)
 
 
-def test_a_file_of_the_copys_name_elsewhere_is_not_taken_for_it(world: Path) -> None:
-    (world / "scene.outer.xml").write_text("not for us")
-    (world / "fit").mkdir()
-    xmlfile.rewrite(world / "scene.xml", world / "fit" / "scene.xml", VALUES)
-    assert value(scene.load(world / "fit" / "scene.xml").bsdfs["paint"].bsdf, "m") == single(0.15)
+def decoy(ident: str, inside: str = "") -> str:
+    return f'<scene version="3.0.0">{inside}<bsdf type="cooktorrance" id="{ident}"/></scene>'
+
+
+def test_what_is_included_stays_what_it_was(tmp_path: Path) -> None:
+    """Mitsuba looks beside the including file first, then where <path> says: files of the same names elsewhere are decoys."""
+    home, fit = tmp_path / "home", tmp_path / "fit"
+    for folder in ("sub/deep", "p", "deep"):
+        for place in (home, fit):
+            (place / folder).mkdir(parents=True)
+    (home / "scene.xml").write_text(
+        '<scene version="3.0.0"><path value="p"/><include filename="one.xml"/><include filename="two.xml"/>'
+        '<include filename="sub/three.xml"/><include filename="six.xml"/>'
+        '<default name="first" value="seven"/><default name="first" value="two"/><include filename="$first.xml"/>'
+        '<bsdf type="cooktorrance" id="own"/></scene>'
+    )
+    (home / "one.xml").write_text(decoy("one"))
+    (home / "p" / "one.xml").write_text(decoy("wrong"))
+    (home / "p" / "two.xml").write_text(decoy("two"))
+    (home / "sub" / "three.xml").write_text(decoy("three", '<path value="deep"/><include filename="four.xml"/>'))
+    (home / "sub" / "deep" / "four.xml").write_text(decoy("four", '<include filename="five.xml"/>'))
+    (home / "sub" / "deep" / "five.xml").write_text(decoy("five"))
+    (home / "p" / "six.xml").write_text(decoy("six"))
+    (home / "sub" / "deep" / "six.xml").write_text(decoy("wrong"))
+    (home / "seven.xml").write_text(decoy("seven"))
+    for place in (fit, fit / "p", fit / "deep", home / "deep"):
+        for name in ("one", "two", "three", "four", "five", "six", "seven", "scene.three", "scene.four"):
+            (place / f"{name}.xml").write_text(decoy("wrong"))
+    (home / "scene.three.xml").write_text(decoy("wrong"))
+    names = ["one", "two", "five", "four", "three", "six", "seven", "own"]
+    assert list(scene.load(home / "scene.xml").bsdfs) == names
+    for changed in ([], *([name] for name in names), names):
+        xmlfile.rewrite(home / "scene.xml", fit / "scene.xml", {name: {"m": 0.123} for name in changed})
+        bsdfs = scene.load(fit / "scene.xml").bsdfs
+        assert list(bsdfs) == names
+        assert [name for name in names if value(bsdfs[name].bsdf, "m") == single(0.123)] == [
+            n for n in names if n in changed
+        ]
+
+
+def test_a_path_of_the_scene_leads_where_it_did(tmp_path: Path) -> None:
+    for place, grey in (("home", 0.25), ("fit", 0.75)):
+        (tmp_path / place / "tex").mkdir(parents=True)
+        mi.Bitmap(np.full((2, 2, 3), grey, np.float32)).write(str(tmp_path / place / "tex" / "t.exr"))
+    (tmp_path / "home" / "scene.xml").write_text(
+        '<scene version="3.0.0"><path value="tex"/><bsdf type="cooktorrance" id="a"><texture type="bitmap" '
+        'name="diffuse_reflectance"><string name="filename" value="t.exr"/></texture></bsdf></scene>'
+    )
+    out = tmp_path / "fit" / "scene.xml"
+    xmlfile.rewrite(tmp_path / "home" / "scene.xml", out, {"a": {"m": 0.5}})
+    params = mi.traverse(scene.load(out).bsdfs["a"].bsdf)
+    assert np.array(params["diffuse_reflectance.data"]).max() == 0.25
+
+
+def test_a_copy_does_not_take_the_place_of_an_original(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(decoy("a"))
+    (tmp_path / "s.a.xml").write_text(decoy("b"))
+    (tmp_path / "old.xml").write_text(
+        '<scene version="3.0.0"><include filename="a.xml"/><include filename="s.a.xml"/></scene>'
+    )
+    xmlfile.rewrite(tmp_path / "old.xml", tmp_path / "s.xml", {"a": {"m": 0.5}})
+    assert (tmp_path / "s.a.xml").read_text() == decoy("b")
+    assert [value(b.bsdf, "m") for b in scene.load(tmp_path / "s.xml").bsdfs.values()] == [single(0.5), single(0.3)]
 
 
 def test_one_file_included_twice_becomes_two(tmp_path: Path) -> None:
-    (tmp_path / "ball.xml").write_text('<scene version="3.0.0"><shape type="sphere"><bsdf type="cooktorrance"/></shape></scene>')
+    (tmp_path / "ball.xml").write_text(
+        '<scene version="3.0.0"><shape type="sphere"><bsdf type="cooktorrance"/></shape></scene>'
+    )
     (tmp_path / "scene.xml").write_text(
         '<scene version="3.0.0"><include filename="ball.xml"/><include filename="ball.xml"/><include filename="ball.xml"/></scene>'
     )
     (tmp_path / "fit").mkdir()
-    xmlfile.rewrite(tmp_path / "scene.xml", tmp_path / "fit/s.xml", {"shape[0].bsdf": {"m": 0.1}, "shape[2].bsdf": {"m": 0.2}})
+    xmlfile.rewrite(
+        tmp_path / "scene.xml", tmp_path / "fit/s.xml", {"shape[0].bsdf": {"m": 0.1}, "shape[2].bsdf": {"m": 0.2}}
+    )
     bsdfs = scene.load(tmp_path / "fit" / "s.xml").bsdfs
     assert [value(bsdfs[f"shape[{i}].bsdf"].bsdf, "m") for i in range(3)] == [single(0.1), single(0.3), single(0.2)]
 
@@ -325,7 +393,9 @@ def test_defaults_of_the_user(world: Path) -> None:
 
 def test_old_names(tmp_path: Path) -> None:
     """Files older than version 2 say ``intIOR``."""
-    text = '<scene version="1.0.0"><bsdf type="roughdielectric" id="a"><float name="intIOR" value="1.5"/></bsdf></scene>'
+    text = (
+        '<scene version="1.0.0"><bsdf type="roughdielectric" id="a"><float name="intIOR" value="1.5"/></bsdf></scene>'
+    )
     (tmp_path / "scene.xml").write_text(text)
     xmlfile.rewrite(tmp_path / "scene.xml", tmp_path / "out.xml", {"a": {"alpha": 0.3, "eta": 1.3}})
     assert 'name="intIOR"' in (tmp_path / "out.xml").read_text()
@@ -335,7 +405,9 @@ def test_old_names(tmp_path: Path) -> None:
 def test_spectral_preset(tmp_path: Path) -> None:
     """In a spectral variant what is left of a preset stays a spectrum."""
     mi.set_variant("llvm_ad_spectral")
-    text = '<scene version="3.0.0"><bsdf type="roughconductor" id="a"><string name="material" value="Al"/></bsdf></scene>'
+    text = (
+        '<scene version="3.0.0"><bsdf type="roughconductor" id="a"><string name="material" value="Al"/></bsdf></scene>'
+    )
     (tmp_path / "scene.xml").write_text(text)
     xmlfile.rewrite(tmp_path / "scene.xml", tmp_path / "out.xml", {"a": {"eta": (0.5, 0.5, 0.5)}})
     old, new = (mi.traverse(scene.load(tmp_path / f).bsdfs["a"].bsdf) for f in ("scene.xml", "out.xml"))
@@ -393,8 +465,9 @@ def test_errors(tmp_path: Path) -> None:
 
 
 def test_scanner_on_what_mitsuba_accepts_and_others_do_not() -> None:
-    text = b"<!DOCTYPE scene [<!ENTITY a '<bsdf>'>]><scene version='3'><?pi <x> ?><![CDATA[<y>]]><string name='a' value=\"b & <c>\"/></scene>"
+    text = b"<!DOCTYPE scene [<!ENTITY a '<bsdf>'>]><scene version='3'><?pi <x> ?><![CDATA[<y>]]><string name='a' value=\"b & <c>\" value='d'/></scene>"
     root = xmlscan.scan(Path("x.xml"), text)
     assert [e.tag for e in root.walk()] == ["scene", "string"]
+    # Of an attribute given twice, Mitsuba takes the first.
     start, end = root.children[0].attributes["value"]
     assert text[start:end] == b"b & <c>"
