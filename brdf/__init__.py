@@ -1,7 +1,7 @@
 """Reflection models as declarations on Dr.Jit arrays.
 
-This layer knows nothing of Mitsuba. Importing it chooses the libLLVM that Dr.Jit will use, which must happen before Dr.Jit
-starts.
+This layer knows nothing of Mitsuba. Importing it chooses the libLLVM that Dr.Jit will use, which must happen before
+Dr.Jit starts.
 """
 
 from . import llvm

@@ -1,7 +1,7 @@
 """Fresnel reflectance of a smooth facet.
 
-All take ``(c, s2)``: cosine and squared sine of the angle between light and facet normal, as a pair: ``1 - c^2`` computed
-inside would lose the digits that decide at grazing and at the critical angle.
+All take ``(c, s2)``: cosine and squared sine of the angle between light and facet normal, as a pair: ``1 - c^2``
+computed inside would lose the digits that decide at grazing and at the critical angle.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ from typing import Any
 
 import drjit as dr
 
+from .stable import with_gradient
+
 
 def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     """Unpolarised reflectance of a smooth dielectric.
 
-    ``g^2 = eta^2 - s2``, ``F = 1/2 ((g - c)/(g + c))^2 (1 + ((c (g + c) - 1)/(c (g - c) + 1))^2)`` (Cook and Torrance 1982),
-    in a form whose relative error stays at a few roundings, in value and in gradient, from ``eta -> 1`` to grazing:
+    ``g^2 = eta^2 - s2``, ``F = 1/2 ((g - c)/(g + c))^2 (1 + ((c (g + c) - 1)/(c (g - c) + 1))^2)`` (Cook and Torrance
+    1982), in a form whose relative error stays at a few roundings, in value and in gradient, from ``eta -> 1`` to
+    grazing:
 
     - ``g^2`` from ``eta^2 - s2`` or ``(eta^2 - 1) + c^2``, whichever does not cancel;
     - the amplitude ``r_s = (g - c)/(g + c) = (eta^2 - 1)/(c + g)^2``;
@@ -55,8 +58,8 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
 def fresnel_schlick(c: Any, eta: Any) -> Any:
     """Schlick's approximation ``F0 + (1 - F0)(1 - c)^5`` with ``F0 = ((eta - 1)/(eta + 1))^2``.
 
-    Written as ``(1 - c)^5 + F0 (1 - (1 - c)^5)``, the bracket as ``c`` times a sum of positive terms, so that neither the
-    value nor its derivative in eta cancels at grazing. There is no total internal reflection in it.
+    Written as ``(1 - c)^5 + F0 (1 - (1 - c)^5)``, the bracket as ``c`` times a sum of positive terms, so that neither
+    the value nor its derivative in eta cancels at grazing. There is no total internal reflection in it.
 
     Parameters
     ----------
@@ -70,7 +73,7 @@ def fresnel_schlick(c: Any, eta: Any) -> Any:
     schlick1994, eq. 15.
     """
     r = (eta - 1) / (eta + 1)
-    r = dr.replace_grad(r, -2 / (eta + 1))  # d/d eta of 1 - 2/(eta + 1): no difference of near numbers
+    r = with_gradient(r, -2 / (eta + 1))  # d/d eta of 1 - 2/(eta + 1): no difference of near numbers
     x = 1 - c
     x2 = x * x
     return x2 * x2 * x + r * r * (c * (1 + x * (1 + x * (1 + x * (1 + x)))))

@@ -28,8 +28,8 @@ class Half(NamedTuple):
 def half(wi: Any, wo: Any) -> Half:
     """Half-vector quantities of `wi` and `wo`, without cancellation.
 
-    ``cos_d^2 = |h|^2 / (|h|^2 + |d|^2)`` and ``sin_d^2 = |d|^2 / (|h|^2 + |d|^2)`` with ``h = wi + wo``, ``d = wi - wo``: both
-    have full relative accuracy, for grazing and for equal directions, and do not mind a rounded length.
+    ``cos_d^2 = |h|^2 / (|h|^2 + |d|^2)`` and ``sin_d^2 = |d|^2 / (|h|^2 + |d|^2)`` with ``h = wi + wo``, ``d = wi -
+    wo``: both have full relative accuracy, for grazing and for equal directions, and do not mind a rounded length.
     """
     h, d = wi + wo, wi - wo
     hh, dd = square(h), square(d)

@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-from .stable import is_double, log1p
+from .stable import is_double, log1p, with_gradient
 
 #: (float32, float64) From here on the exponential is 0: the cap keeps ``0 * inf`` out of its derivative.
 EXPONENT_CAP = (400.0, 2980.0)
@@ -19,7 +19,7 @@ def beckmann_d_half(tan2: Any, m: Any) -> Any:
 
     Kept apart because ``(1 + tan^2)^2`` overflows before the exponential brings it back: see `beckmann_d`.
     """
-    e = dr.minimum(tan2 / (m * m), EXPONENT_CAP[is_double(tan2)])
+    e = dr.minimum(tan2 / m / m, EXPONENT_CAP[is_double(tan2)])  # the derivative of tan2 / (m m) overflows sooner
     return dr.exp(-0.5 * e) * (1 + tan2) / m
 
 
@@ -51,8 +51,8 @@ def beckmann_d(tan2: Any, m: Any) -> Any:
 def beckmann_sample(u: Any, m: Any, like: Any) -> Any:
     """A facet normal with density `beckmann_pdf`, of the type of the 3-vector `like`.
 
-    ``tan = m sqrt(-log(1 - u.x))`` with log1p; sine and cosine from the tangent, so that normals a millionth of a radian off
-    the surface normal come out as they should.
+    ``tan = m sqrt(-log(1 - u.x))`` with log1p; sine and cosine from the tangent, so that normals a millionth of a
+    radian off the surface normal come out as they should.
 
     References
     ----------
@@ -99,8 +99,8 @@ def vcavity_g_over_cosines(ci: Any, co: Any, hh: Any, hz: Any) -> Any:
 def smith_g1(w: Any, m: Any) -> Any:
     """Smith's masking of one direction for Beckmann's distribution, exact.
 
-    ``G1 = 2 / (1 + erf(a) + exp(-a^2) / (a sqrt(pi)))`` with ``a = 1 / (m tan)``. (Most renderers use a rational fit, off by up
-    to 0.3 %, whose derivative jumps at a = 1.6 and is 0 above.)
+    ``G1 = 2 / (1 + erf(a) + exp(-a^2) / (a sqrt(pi)))`` with ``a = 1 / (m tan)``. (Most renderers use a rational fit,
+    off by up to 0.3 %, whose derivative jumps at a = 1.6 and is 0 above.)
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def smith_g1(w: Any, m: Any) -> Any:
     e = dr.exp(-a * a) * dr.rsqrt(dr.pi)
     total = 1 + dr.erf(a) + e / a
     # The three terms of d total / d a cancel to one, so it is given in closed form.
-    total = dr.replace_grad(total, -dr.detach(e / (a * a)) * a)
+    total = with_gradient(total, -dr.detach(e / (a * a)) * a)
     return 2 / total
 
 

@@ -28,10 +28,10 @@ class Model:
 
     An instance is the model with its choices made: ``CookTorrance(fresnel="schlick").fresnel == "schlick"``.
 
-    Conventions: directions are in the local frame, ``n = (0, 0, 1)``, unit length, away from the surface; `wi` is given (the
-    viewer), `wo` is the other. A value that depends on a lobe is a tuple with one entry a lobe. Methods may assume
-    ``wi.z > 0`` and ``wo.z > 0``: who calls them masks the rest (`evaluate` does). They are traced by Dr.Jit, in float32 or
-    float64, on one direction or millions: branch with ``dr.select``, on choices with ``if``.
+    Conventions: directions are in the local frame, ``n = (0, 0, 1)``, unit length, away from the surface; `wi` is given
+    (the viewer), `wo` is the other. A value that depends on a lobe is a tuple with one entry a lobe. Methods may assume
+    ``wi.z > 0`` and ``wo.z > 0``: who calls them masks the rest (`evaluate` does). They are traced by Dr.Jit, in
+    float32 or float64, on one direction or millions: branch with ``dr.select``, on choices with ``if``.
 
     Attributes
     ----------
@@ -56,7 +56,9 @@ class Model:
         declared = {p.name: p for p in type(self).params if p.kind == "choice"}
         for name in choices:
             if name not in declared:
-                raise UsageError(f"{self.name}: {name!r} is not a choice of this model. It has: {', '.join(declared) or 'none'}.")
+                raise UsageError(
+                    f"{self.name}: {name!r} is not a choice of this model. It has: {', '.join(declared) or 'none'}."
+                )
         for name, p in declared.items():
             value = choices.get(name, p.default)
             p.check(self.name, value)

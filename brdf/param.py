@@ -69,10 +69,14 @@ class Param:
                 raise UsageError(f"{owner}: {self.name} = {value!r} is not one of {', '.join(self.options)}.")
             return
         if isinstance(value, str):
-            raise UsageError(f"{owner}: {self.name} = {value!r} is text. It takes a {self.kind} in {self.range_text()}.")
+            raise UsageError(
+                f"{owner}: {self.name} = {value!r} is text. It takes a {self.kind} in {self.range_text()}."
+            )
         components = np.atleast_1d(np.asarray(value, dtype=float))
         low, high = (single(b) for b in self.bounds)
-        inside = (single(components) >= low) & (single(components) <= high) & np.isfinite(components)  # NaN fails as well
+        inside = (
+            (single(components) >= low) & (single(components) <= high) & np.isfinite(components)
+        )  # NaN fails as well
         bad = components[~inside]
         if bad.size:
             shown = f"{bad[0]:.9g}"

@@ -13,7 +13,12 @@ def log1p(x: Any) -> Any:
     d = u - 1
     exact = dr.detach(d) == 0
     value = dr.select(exact, x, dr.log(u) * (x / dr.select(exact, 1, d)))
-    return dr.replace_grad(value, dr.log(u))
+    return with_gradient(value, dr.log(u))
+
+
+def with_gradient(value: Any, proxy: Any) -> Any:
+    """`value`, with the derivatives of `proxy`."""
+    return dr.replace_grad(value, proxy)
 
 
 def is_double(x: Any) -> bool:

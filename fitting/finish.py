@@ -138,7 +138,10 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
     names = np.array(run.parameters.components)
     lost = names[~np.isfinite(sd) | ~found.effect]
     if not run.result.converged:
-        return False, f"Not converged: {run.result.reason}. Allow more iterations, or give a start nearer to the answer."
+        return (
+            False,
+            f"Not converged: {run.result.reason}. Allow more iterations, or give a start nearer to the answer.",
+        )
     if lost.size:
         return False, f"Not determined by the pictures: {', '.join(lost)}. Fit fewer parameters, or add pictures."
     x, w = run.x, run.problem.weights
@@ -153,7 +156,7 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
         worst = int(np.argmax(np.abs(reach)))
         return False, (
             f"Not converged after {count}: {run.result.reason}, yet {names[worst]} would still move by "
-            f"{abs(reach[worst]) / found.sd[worst]:.1f} standard deviations. Allow more iterations, or use the solver lm."
+            f"{abs(reach[worst]) / found.sd[worst]:.1f} standard deviations. Allow more iterations, or use --solver lm."
         )
     return True, f"Converged in {count}: {run.result.reason}."
 

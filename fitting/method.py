@@ -21,13 +21,15 @@ DIRECT = 2
 def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
     """None if direct light from points and directions is all there is; else what stands against it.
 
-    It is if every light is a point or a direction, and either the scene's integrator stops at direct light or the scene is one
-    convex body seen from outside.
+    It is if every light is a point or a direction, and either the scene's integrator stops at direct light or the scene
+    is one convex body seen from outside.
     """
     for emitter in scene.emitters():
         flags = mi.EmitterFlags
         point = mi.has_flag(emitter.flags(), flags.DeltaPosition)
-        direction = mi.has_flag(emitter.flags(), flags.DeltaDirection) and not mi.has_flag(emitter.flags(), flags.Surface)
+        direction = mi.has_flag(emitter.flags(), flags.DeltaDirection) and not mi.has_flag(
+            emitter.flags(), flags.Surface
+        )
         if not (point or direction):
             return f"there is a light that is neither a point nor a direction ({emitter.class_name()})"
     integrator = scene.integrator()
@@ -76,7 +78,9 @@ def convex(mesh: Any) -> bool:
     size = np.ptp(points, axis=0).max()
     real = length > 1e-12 * size**2
     normal = normal[real] / length[real, None]
-    ahead = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, max(1, len(normal) // 256))])
+    ahead = np.concatenate(
+        [(part @ points.T).max(axis=1) for part in np.array_split(normal, max(1, len(normal) // 256))]
+    )
     return bool(np.all(ahead - np.einsum("ij,ij->i", normal, a[real]) <= FLAT * size))
 
 

@@ -39,24 +39,24 @@ def ready(folder: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def write(solution: Solution, folder: str | os.PathLike[str], **defaults: object) -> list[Path]:
+def write(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
     """Write everything a fit found; returns the files.
 
-    ``material.xml`` (the fitted BSDF alone; ``material-ID.xml`` each if there are several), ``scene.xml`` (the scene with the
-    fitted values), ``render.exr``, ``error.exr`` (render - target; 0 where a pixel was not used; with ``-SENSOR`` if there
-    are several), ``history.csv``, ``report.html``, and last ``fit.json``: where it stands, the rest is complete.
-
-    Parameters
-    ----------
-    defaults : values for ``$name`` in the scene file, as given to `fit`
+    ``material.xml`` (the fitted BSDF alone; ``material-ID.xml`` each if there are several), ``scene.xml`` (the scene
+    with the fitted values), ``render.exr``, ``error.exr`` (render - target; 0 where a pixel was not used; with
+    ``-SENSOR`` if there are several), ``history.csv``, ``report.html``, and last ``fit.json``: where it stands, the
+    rest is complete.
     """
     folder = ready(folder)
+    defaults = solution.settings["defaults"]
     scene = solution.settings["scene"]
     values = fitted_values(solution)
     written = []
     for name, params in values.items():
         path = folder / ("material.xml" if len(values) == 1 else f"material-{name}.xml")
-        comment = f"{name}: fitted by brdf-fitting {solution.versions['brdf-fitting']}. Error bars and settings: fit.json"
+        comment = (
+            f"{name}: fitted by brdf-fitting {solution.versions['brdf-fitting']}. Error bars and settings: fit.json"
+        )
         xmlfile.material(scene, name, params, path, comment, **defaults)
         written.append(path)
     written += xmlfile.rewrite(scene, folder / "scene.xml", values, **defaults)

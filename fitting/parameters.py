@@ -73,7 +73,9 @@ def resolve(scene: Scene, wanted: dict[str, Any]) -> list[Free]:
         if parameter not in params:
             near = difflib.get_close_matches(parameter, params, 1)
             guess = f" Did you mean {near[0]}?" if near else ""
-            raise UsageError(f"{identifier}: {parameter!r} is not a parameter to fit.{guess} It has: {', '.join(params)}.")
+            raise UsageError(
+                f"{identifier}: {parameter!r} is not a parameter to fit.{guess} It has: {', '.join(params)}."
+            )
         param = params[parameter]
         size = 3 if param.kind == "colour" else 1
         value = None

@@ -30,7 +30,7 @@ def rays(sensor: mi.Sensor, position: mi.Point2f, aperture: mi.Point2f | None = 
 
 
 def content(scene: mi.Scene, sensor: mi.Sensor) -> npt.NDArray[np.int64]:
-    """For each pixel, shape (height, width), the index of the one BSDF that all probe rays meet; -1 where there are several, or none.
+    """The index of the one BSDF that all probe rays of a pixel meet, shape (height, width); -1: several, or none.
 
     Indices are Dr.Jit's instance ids of ``shape.bsdf()``: see `index_of`.
     """
@@ -51,7 +51,8 @@ def content(scene: mi.Scene, sensor: mi.Sensor) -> npt.NDArray[np.int64]:
 
 def index_of(bsdf: mi.BSDF) -> int:
     """Dr.Jit's instance id of a BSDF."""
-    return int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+    number: Any = dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))
+    return int(number[0])
 
 
 def interior(ids: npt.NDArray[np.int64], sensor: mi.Sensor) -> npt.NDArray[np.int64]:

@@ -59,8 +59,8 @@ class Problem:
     weights : array, shape (n,)
         One a residual. Residuals are ordered picture by picture, channel by channel, pixel by pixel.
     pixel, channel, view : int array, shape (n,)
-        Flat index of the pixel of each residual, its channel, and the number of its picture; ``widths[view]`` is how wide
-        that is.
+        Flat index of the pixel of each residual, its channel, and the number of its picture; ``widths[view]`` is how
+        wide that is.
     """
 
     def __init__(
@@ -181,4 +181,3 @@ class Problem:
         a, b, c = nnls(basis / variance[:, None], np.ones(len(groups)))[0]
         t = predicted / self.scale
         return self.scale**2 * np.maximum(a + b * t + c * t * t, floor)
-

@@ -38,19 +38,23 @@ def about(
         if not uncertainty.effect[i]:
             out.append(f"{name} has no effect on any pixel used: its value is where the fit began.")
         elif np.isnan(sd[i]):
-            out.append(f"{name} is not determined: some combination of the parameters changes no pixel. Fix one of them.")
+            out.append(
+                f"{name} is not determined: some combination of the parameters changes no pixel. Fix one of them."
+            )
     for i in range(len(names)):
         for j in range(i):
             if abs(correlation[i, j]) > INSEPARABLE:
                 way = "rise together" if correlation[i, j] > 0 else "make up for each other"
                 out.append(
-                    f"{names[j]} and {names[i]} can hardly be told apart: they {way} (correlation {correlation[i, j]:.3f}). "
-                    "Fix one, or add a picture with light or view near grazing."
+                    f"{names[j]} and {names[i]} can hardly be told apart: they {way} "
+                    f"(correlation {correlation[i, j]:.3f}). Fix one, or add a picture with light or view near grazing."
                 )
     for i, (name, p) in enumerate(zip(names, parameters.params, strict=True)):
         if at_bound[i] and uncertainty.effect[i]:
             end = "lower" if abs(values[i] - p.bounds[0]) < abs(values[i] - p.bounds[1]) else "upper"
-            out.append(f"{name} lies at its {end} bound {p.range_text()}: the picture asks for more than the model allows.")
+            out.append(
+                f"{name} lies at its {end} bound {p.range_text()}: the picture asks for more than the model allows."
+            )
         if not at_bound[i] and p.scale in ("log", "log_minus_one") and np.isfinite(sd[i]):
             base = values[i] - 1 if p.scale == "log_minus_one" else values[i]
             if sd[i] > UNDETERMINED * base:
@@ -58,12 +62,12 @@ def about(
     if uncertainty.correlation_at_4 > NOT_NOISE:
         out.append(
             f"The residual ({100 * rms:.2g} % of the picture) is not noise: pixels err alike (correlation "
-            f"{uncertainty.correlation_at_4:.2f} four pixels apart). The model does not explain the picture fully, and the error "
-            "bars do not include that."
+            f"{uncertainty.correlation_at_4:.2f} four pixels apart). The model does not explain the picture fully, and the "
+            "error bars do not include that."
         )
     if uncertainty.sampling_share > OWN_NOISE:
         out.append(
-            f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: more samples "
-            "(--spp) would narrow the error bars."
+            f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: more "
+            "samples (--spp) would narrow the error bars."
         )
     return out

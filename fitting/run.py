@@ -46,7 +46,8 @@ SEARCH_RENDERINGS = 60
 ITERATIONS = {"lm": 50, "lbfgs": 200, "adam": 300, "gd": 1000}
 #: Levels end when the last made no parameter move by more than this many standard deviations ...
 STILL = 0.3
-#: ... and the fit's own noise is less than this share of the residual, or the standard deviations are below this anyway.
+#: ... and the fit's own noise is less than this share of the residual, or the standard deviations are below this
+#: anyway.
 QUIET, FINE = 0.2, 1e-3
 
 
@@ -90,7 +91,9 @@ class Run:
                 together = self.parameters.together()
                 scene = self.scene.scene
                 pictures.append(
-                    RenderedPicture(scene, view.sensor, self.integrator, together, where, samples, seed + number, halves)
+                    RenderedPicture(
+                        scene, view.sensor, self.integrator, together, where, samples, seed + number, halves
+                    )
                 )
         return Problem(self.parameters, pictures, [v.target for v in self.views])
 
@@ -131,7 +134,7 @@ def fit(
     max_iterations: int | None = None,
     method: Method = "auto",
     progress: Callable[[Step], None] | None = None,
-    **defaults: object,
+    defaults: Mapping[str, object] | None = None,
 ) -> Solution:
     """Fit parameters of materials in a scene to pictures of it.
 
@@ -153,11 +156,12 @@ def fit(
     max_iterations : int, optional
         Of each run of the solver.
     method : {"auto", "exact", "rendered"}
-        How pictures are predicted: from cached hit points, exact for direct light from points and directions; or through
-        the scene's integrator. "auto" takes the first where it applies.
+        How pictures are predicted: from cached hit points, exact for direct light from points and directions; or
+        through the scene's integrator. "auto" takes the first where it applies.
     progress : function of a `Step`, optional
         Called after each iteration.
-    defaults : values for ``$name`` in the scene file
+    defaults : dict, optional
+        Values for ``$name`` in the scene file.
 
     Returns
     -------
@@ -178,7 +182,7 @@ def fit(
         raise UsageError(f"max_iterations = {max_iterations}: at least 1 is needed.")
     if mi.variant() is None or not mi.variant().endswith("ad_rgb"):
         mi.set_variant(VARIANT)
-    loaded = scene if isinstance(scene, scenes.Scene) else scenes.load(scene, **defaults)
+    loaded = scene if isinstance(scene, scenes.Scene) else scenes.load(scene, **(defaults or {}))
     wanted = dict(parameters) if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
     free = resolve(loaded, wanted)
     views = prepare(loaded, targets, masks or {}, free)
@@ -220,7 +224,7 @@ def fit(
         "asked_method": method,
         "method": run.method,
         "why": why,
-        "defaults": {name: str(value) for name, value in defaults.items()},
+        "defaults": {name: str(value) for name, value in (defaults or {}).items()},
         "variant": mi.variant(),
     }
     return finish.solution(run, settings, interrupted)
@@ -228,8 +232,10 @@ def fit(
 
 @contextmanager
 def collector_paused() -> Iterator[None]:
-    """Keeps Python's cyclic garbage collector from freeing a scene while Dr.Jit traces a BSDF written in Python, which ends in
-    a segmentation fault (Mitsuba 3.9.1)."""
+    """Keeps the cyclic garbage collector from freeing a scene while Dr.Jit traces a BSDF written in Python.
+
+    That would end in a segmentation fault (Mitsuba 3.9.1).
+    """
     was = gc.isenabled()
     gc.collect()
     gc.disable()
@@ -244,8 +250,8 @@ def collector_paused() -> Iterator[None]:
 def interruptible() -> Iterator[Callable[[], bool]]:
     """Notes a Ctrl-C instead of raising in the middle of a kernel's recording, which would spoil Dr.Jit's state.
 
-    Gives a function that tells whether it was pressed. A second one is raised at once. Outside the main thread signals are
-    left alone.
+    Gives a function that tells whether it was pressed. A second one is raised at once. Outside the main thread signals
+    are left alone.
     """
     seen = [False]
 
@@ -329,4 +335,4 @@ def check_samples(run: Run, samples: int) -> None:
     weights = run.problem.weights
     finer = run.build(4 * samples, run.seed + 1000).linearize(run.x)
     h, g = finer.hessian(weights), finer.gradient(weights)
-    run.moved = np.clip(np.linalg.lstsq(h, -g, rcond=1e-9)[0], -1.0, 1.0)
+    run.moved = np.asarray(np.clip(np.linalg.lstsq(h, -g, rcond=1e-9)[0], -1.0, 1.0), dtype=np.float64)

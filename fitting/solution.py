@@ -99,8 +99,9 @@ class Lobes:
 class MaterialCheck:
     """Physical checks of one fitted material.
 
-    ``reciprocity_max`` is the largest ``|f(wi,wo) - f(wo,wi)| / max`` found; ``albedo_max`` the largest directional albedo
-    (any channel) and ``albedo_sd`` its standard error, found at the angle ``albedo_angle`` [rad] from the normal.
+    ``reciprocity_max`` is the largest ``|f(wi,wo) - f(wo,wi)| / max`` found; ``albedo_max`` the largest directional
+    albedo (any channel) and ``albedo_sd`` its standard error, found at the angle ``albedo_angle`` [rad] from the
+    normal.
     """
 
     reciprocity_max: float
@@ -115,7 +116,7 @@ class MaterialCheck:
         degrees = np.degrees(self.albedo_angle)
         over = self.albedo_max - 1 > 3 * self.albedo_sd + 1e-6
         energy = (
-            f"reflects at {degrees:.0f} degrees {self.albedo_max:.3f} times the light that arrives: energy is not conserved"
+            f"reflects {self.albedo_max:.3f} times the light that arrives at {degrees:.0f} degrees: it makes energy"
             if over
             else f"conserves energy (largest albedo {self.albedo_max:.3f}, at {degrees:.0f} degrees)"
         )
@@ -184,7 +185,10 @@ class Solution:
             "interrupted": self.interrupted,
             "parameters": {
                 name: {
-                    **{key: plain(getattr(e, key), e.kind == "number") for key in ("value", "sd", "low", "high", "start")},
+                    **{
+                        key: plain(getattr(e, key), e.kind == "number")
+                        for key in ("value", "sd", "low", "high", "start")
+                    },
                     "unit": e.unit,
                     "at_bound": e.at_bound,
                 }

@@ -73,7 +73,8 @@ def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp])
     x = parameters.free_of(values)
     if not colours.size:
         ra, rb = problem.residuals(x)
-        # Not the product of the halves: where few samples meet a sharp lobe, that may be negative and still be the worst.
+        # Not the product of the halves: where few samples meet a sharp lobe, that may be negative and still be the
+        # worst.
         return float(np.mean(problem.weights * (0.5 * (ra + rb)) ** 2)), values
     linear = problem.linearize(x, colours)
     w = np.sqrt(problem.weights)
@@ -98,7 +99,12 @@ def grid(params: list[Param], most: int) -> list[Array]:
         return [np.array(point) for point in itertools.product(*axes)]
     unit = qmc.Sobol(len(params), scramble=False).random(most)
     return [
-        np.array([q.to_value(q.to_free(a[0]) + u * (q.to_free(a[-1]) - q.to_free(a[0]))) for q, a, u in zip(params, axes, row, strict=True)])
+        np.array(
+            [
+                q.to_value(q.to_free(a[0]) + u * (q.to_free(a[-1]) - q.to_free(a[0])))
+                for q, a, u in zip(params, axes, row, strict=True)
+            ]
+        )
         for row in unit
     ]
 
@@ -117,7 +123,7 @@ def axis(p: Param) -> Array:
 
 
 def default(p: Param, component: str) -> float:
-    """A start for a component that the grid does not cover: its default, or the middle where that is an end of the bounds."""
+    """A start for a component that the grid does not cover: its default, or the middle if that is at a bound."""
     value = float(p.default["rgb".index(component[-1])] if p.kind == "colour" else p.default)
     low, high = p.bounds
     return 0.5 * (low + high) if value in (low, high) and math.isfinite(high) else value

@@ -54,11 +54,11 @@ class Uncertainty:
 def estimate(problem: Problem, linear: Linear, x: Array) -> Uncertainty:
     """Delete-one-block jackknife of the weighted least-squares estimate, to first order.
 
-    Pixels are grouped into square blocks; with the block's share ``S_k`` of the gradient and ``H_k`` of the Gauss-Newton
-    matrix, leaving it out moves the estimate by ``(H - H_k)^-1 S_k``, and the covariance is the sum of the squares of these
-    (Efron and Stein 1981; for clusters: Bell and McCaffrey 2002, "CR3"). Unlike ``sigma^2 H^-1`` it holds whatever the
-    weights, for noise that differs from pixel to pixel, and for noise correlated within a block, as a reconstruction
-    filter makes it.
+    Pixels are grouped into square blocks; with the block's share ``S_k`` of the gradient and ``H_k`` of the
+    Gauss-Newton matrix, leaving it out moves the estimate by ``(H - H_k)^-1 S_k``, and the covariance is the sum of the
+    squares of these (Efron and Stein 1981; for clusters: Bell and McCaffrey 2002, "CR3"). Unlike ``sigma^2 H^-1`` it
+    holds whatever the weights, for noise that differs from pixel to pixel, and for noise correlated within a block, as
+    a reconstruction filter makes it.
     """
     w = problem.weights
     p = len(x)
@@ -91,7 +91,9 @@ def estimate(problem: Problem, linear: Linear, x: Array) -> Uncertainty:
     mean = 0.5 * (ra + rb)
     total = float(np.mean(w * mean**2))
     sampling = float(np.mean(w * (ra - rb) ** 2)) / 4
-    return Uncertainty(covariance, effect, quantile, sampling / total if total > 0 else 0.0, far(problem, mean * np.sqrt(w)))
+    return Uncertainty(
+        covariance, effect, quantile, sampling / total if total > 0 else 0.0, far(problem, mean * np.sqrt(w))
+    )
 
 
 def blocks_of(problem: Problem) -> npt.NDArray[np.int64]:

@@ -64,11 +64,15 @@ def prepare(
         A picture that cannot be used (see `images.check`), or in which no pixel shows a fitted material.
     """
     if not targets:
-        raise UsageError(f"no target: give a picture for a sensor, as in --target {next(iter(scene.sensors), 'camera')}=photo.exr.")
+        raise UsageError(
+            f"no target: give a picture for a sensor, as in --target {next(iter(scene.sensors), 'camera')}=photo.exr."
+        )
     for kind, names in (("target", targets), ("mask", masks)):
         for name in names:
             if name not in scene.sensors:
-                raise UsageError(f"{kind} {name}: the scene has no sensor of that name. It has: {', '.join(scene.sensors) or 'none'}.")
+                raise UsageError(
+                    f"{kind} {name}: the scene has no such sensor. It has: {', '.join(scene.sensors) or 'none'}."
+                )
     for name in masks:
         if name not in targets:
             raise UsageError(f"mask {name}: there is no target for that sensor.")
@@ -92,18 +96,24 @@ def one(scene: Scene, name: str, target: Target, mask: Target | None, parents: d
     if "sRGB" in image.decoded or "gamma" in image.decoded:
         clipped = (image.rgb >= 1.0).any(axis=-1)
         if (clipped & allowed).any():
-            remarks.append(f"{name}: {int((clipped & allowed).sum())} pixels at the top of the picture's range were left out.")
+            remarks.append(
+                f"{name}: {int((clipped & allowed).sum())} pixels at the top of the picture's range were left out."
+            )
         allowed &= ~clipped
         remarks.append(f"{name}: {image.decoded}.")
     if not allowed.any():
-        raise DataError(f"{path}: every pixel is masked. Leave at least the fitted material unmasked (white in the mask).")
+        raise DataError(
+            f"{path}: every pixel is masked. Leave at least the fitted material unmasked (white in the mask)."
+        )
     inside = pixels.interior(pixels.content(scene.scene, sensor), sensor)
     flat = np.where(allowed, inside, -1).ravel()
     groups = [(bsdf, np.flatnonzero(flat == index)) for index, bsdf in parents.items()]
     groups = [(bsdf, where) for bsdf, where in groups if len(where)]
     if not groups:
         seen = np.isin(inside, list(parents)).any()
-        why = "they are all masked" if seen else "none is in view, or it is too small to have pixels away from its edges"
+        why = (
+            "they are all masked" if seen else "none is in view, or it is too small to have pixels away from its edges"
+        )
         raise DataError(f"{path}: no pixel of sensor {name} shows a fitted material alone: {why}.")
     used = np.zeros(allowed.size, dtype=bool)
     used[np.concatenate([where for _, where in groups])] = True

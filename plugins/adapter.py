@@ -24,7 +24,7 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
     """
 
     class Plugin(mi.BSDF):
-        """``eval`` is ``f cos``; every numeric parameter is a texture, so a number, a colour, a spectrum or an image."""
+        """``eval`` is ``f cos``; every parameter is a texture, so a number, a colour, a spectrum or an image."""
 
         def __init__(self, props: mi.Properties) -> None:
             mi.BSDF.__init__(self, props)
@@ -52,7 +52,9 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             """Parameters at the hit points."""
             return Values(
                 **{
-                    p.name: (self.textures[p.name].eval_1 if p.kind == "number" else self.textures[p.name].eval)(si, active)
+                    p.name: (self.textures[p.name].eval_1 if p.kind == "number" else self.textures[p.name].eval)(
+                        si, active
+                    )
                     for p in self.model.parameters()
                 }
             )
@@ -61,7 +63,10 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             return [ctx.is_enabled(flag_of(lobe), i) for i, lobe in enumerate(self.model.lobes)]
 
         def value(self, p: Values, wi: Any, wo: Any, on: list[bool]) -> Any:
-            return sum((f for f, o in zip(self.model.f(p, wi, wo), on, strict=True) if o), mi.UnpolarizedSpectrum(0)) * wo.z
+            return (
+                sum((f for f, o in zip(self.model.f(p, wi, wo), on, strict=True) if o), mi.UnpolarizedSpectrum(0))
+                * wo.z
+            )
 
         def density(self, p: Values, wi: Any, wo: Any, chances: list[Any]) -> Any:
             """Without gradient: with one in `eval_pdf` but none in `sample`, the two weights of multiple importance
@@ -107,7 +112,12 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             return value, dr.select(active, self.density(p, wi, wo, self.chances(p, wi, on)), 0)
 
         def sample(
-            self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: Any, sample2: mi.Point2f, active: Any = True
+            self,
+            ctx: mi.BSDFContext,
+            si: mi.SurfaceInteraction3f,
+            sample1: Any,
+            sample2: mi.Point2f,
+            active: Any = True,
         ) -> tuple[mi.BSDFSample3f, Any]:
             """Choose a lobe, then a direction from it; weight ``f cos / pdf`` with the pdf of all lobes together.
 
@@ -160,11 +170,12 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
 
 
 def flag_of(lobe: Lobe) -> Any:
+    """Mitsuba's flag for a lobe."""
     return getattr(mi.BSDFFlags, FLAGS[lobe])
 
 
 def upper(wi: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
-    """Where both directions are above the surface; elsewhere they are made harmless, before anything divides by them."""
+    """Where both directions are above the surface; elsewhere they are made harmless, before anyone divides by them."""
     above = (wi.z > 0) & (wo.z > 0) & active
     return above, mi.Vector3f(wi.x, wi.y, dr.select(above, wi.z, 1)), mi.Vector3f(wo.x, wo.y, dr.select(above, wo.z, 1))
 
@@ -183,7 +194,9 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
         if key not in declared:
             near = difflib.get_close_matches(key, declared, 1)
             guess = f"Did you mean {near[0]}? " if near else ""
-            raise UsageError(f"{name}: {key!r} is not a parameter of this model. {guess}It has: {', '.join(declared) or 'none'}.")
+            raise UsageError(
+                f"{name}: {key!r} is not a parameter of this model. {guess}It has: {', '.join(declared) or 'none'}."
+            )
         if declared[key].kind == "choice":
             choices[key] = props[key]
             if not isinstance(choices[key], str):
@@ -193,7 +206,9 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
     for key in props.keys():  # noqa: SIM118
         if key not in parameters and key not in choices:
             made = ", ".join(f"{p.name} = {getattr(model, p.name)}" for p in model.params if p.kind == "choice")
-            raise UsageError(f"{name}: {key!r} is not a parameter with {made}. It has: {', '.join(parameters) or 'none'}.")
+            raise UsageError(
+                f"{name}: {key!r} is not a parameter with {made}. It has: {', '.join(parameters) or 'none'}."
+            )
     return model, {p.name: texture(name, p, props) for p in parameters.values()}
 
 
@@ -231,11 +246,12 @@ def check_texture(owner: str, p: Param, made: mi.Texture) -> None:
         if leaf not in ("data", "value", "values"):
             continue
         values = np.asarray(params[key], dtype=float)
-        if mi.is_spectral and (leaf == "data" and values.shape[-1] == 3 or leaf == "value" and values.size == 3):
+        if mi.is_spectral and ((leaf == "data" and values.shape[-1] == 3) or (leaf == "value" and values.size == 3)):
             continue  # coefficients of a spectrum made from RGB, not values
         p.check(f"{owner}: in the texture", values)
     if dr.is_jit_v(mi.Float):
-        # Not every texture can be asked for one number, or for a colour in this variant. This traces, it computes nothing.
+        # Not every texture can be asked for one number, or for a colour in this variant. This traces, it computes
+        # nothing.
         try:
             (made.eval_1 if p.kind == "number" else made.eval)(dr.zeros(mi.SurfaceInteraction3f))
         except RuntimeError as error:

@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 PAIRS = 100_000
 #: Values below this share of the largest are noise of float32 beside a sharp lobe, and are left out of reciprocity.
 FLOOR = 1e-6
-#: Half the pairs are near the mirror direction, at slopes between these: sharper lobes than a roughness of 1e-4 are rare.
+#: Half the pairs are near the mirror direction, at slopes between these: sharper lobes than a roughness of 1e-4 are
+#: rare.
 SLOPES = (1e-4, 1.0)
 #: Angles from the normal at which the albedo is measured [deg].
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0, 85.0, 88.0, 89.9)
@@ -31,8 +32,9 @@ SIDE = 32
 class Check(NamedTuple):
     """What was found.
 
-    ``reciprocity_max`` is the largest ``|f(wi,wo) - f(wo,wi)| / max`` of the two; ``albedo_max`` the largest directional albedo
-    of any channel, ``albedo_sd`` its standard error, and ``albedo_angle`` [rad] the angle from the normal where it is found.
+    ``reciprocity_max`` is the largest ``|f(wi,wo) - f(wo,wi)| / max`` of the two; ``albedo_max`` the largest
+    directional albedo of any channel, ``albedo_sd`` its standard error, and ``albedo_angle`` [rad] the angle from the
+    normal where it is found.
     """
 
     reciprocity_max: float
@@ -44,8 +46,8 @@ class Check(NamedTuple):
 def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
     """Try a BSDF on its reflecting side, at the middle of its textures.
 
-    Reciprocity: ``eval / cos`` of random pairs and of the same pairs exchanged. Energy: the mean of what `sample` weighs, over
-    reflected and transmitted directions.
+    Reciprocity: ``eval / cos`` of random pairs and of the same pairs exchanged. Energy: the mean of what `sample`
+    weighs, over reflected and transmitted directions.
 
     Parameters
     ----------
@@ -59,12 +61,16 @@ def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
         In a scalar variant.
     """
     if not dr.is_jit_v(mi.Float):
-        raise UsageError(f"check: the variant {mi.variant()} has no arrays. Set llvm_ad_rgb, or another llvm or cuda variant.")
+        raise UsageError(
+            f"check: the variant {mi.variant()} has no arrays. Set llvm_ad_rgb, or another llvm or cuda variant."
+        )
     rng = np.random.default_rng(seed)
     wi = hemisphere(PAIRS, rng)
     wo = np.where(np.arange(PAIRS) % 2 == 0, hemisphere(PAIRS, rng), near_mirror(wi, rng))
     up = wo[2] > 0
-    context = mi.BSDFContext(mi.TransportMode.Importance)  # radiance would be compressed on the way into a denser medium
+    context = mi.BSDFContext(
+        mi.TransportMode.Importance
+    )  # radiance would be compressed on the way into a denser medium
 
     def f(i: mi.Vector3f, o: mi.Vector3f) -> Any:
         return bsdf.eval(context, interaction(i), o) / o.z

@@ -22,7 +22,8 @@ def register(*models: type[Model]) -> None:
     """Make models available to Mitsuba as BSDF types, in the variant now set and in every one set later.
 
     Without arguments: all of `brdf.models`, and the models that installed packages offer through the entry-point group
-    ``brdf.models``. With arguments: these classes as well. Call it before or after ``mi.set_variant``, as often as you like.
+    ``brdf.models``. With arguments: these classes as well. Call it before or after ``mi.set_variant``, as often as you
+    like.
 
     Parameters
     ----------
@@ -111,5 +112,6 @@ def publish() -> None:
 
 
 def on_variant(old: str | None, new: str | None) -> None:
+    """Register everything again: each variant has classes of its own."""
     if new is not None and new != old:
         publish()

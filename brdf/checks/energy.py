@@ -75,8 +75,10 @@ def lobe_weight(model: Model, p: Values) -> Weight:
 
 
 def stratified(side: int, batches: int, seed: int) -> npt.NDArray[np.float64]:
-    """Points in the unit cube, shape (3, batches side^2): a batch is stratified in the first two coordinates together and
-    in the third alone."""
+    """Points in the unit cube, shape (3, batches side^2).
+
+    A batch is stratified in the first two coordinates together, and in the third alone.
+    """
     rng = np.random.default_rng(seed)
     n = side * side
     cell = np.arange(n)

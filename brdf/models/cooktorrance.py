@@ -15,8 +15,8 @@ class CookTorrance(Model):
     """``f = diffuse_reflectance / pi + specular_reflectance F D G / (4 cos_i cos_o)``.
 
     The two lobes are not coupled: near grazing their sum can reflect more than arrives. Built only from ``wi + wo``,
-    ``|wi - wo|^2``, and the smaller and larger cosine, it is reciprocal bit for bit. Facet normals are sampled as seen from
-    `wi` (Heitz and d'Eon 2014, V-cavities), so that with ``masking="vcavity"`` no sample weighs more than
+    ``|wi - wo|^2``, and the smaller and larger cosine, it is reciprocal bit for bit. Facet normals are sampled as seen
+    from `wi` (Heitz and d'Eon 2014, V-cavities), so that with ``masking="vcavity"`` no sample weighs more than
     ``specular_reflectance``.
 
     References

@@ -56,14 +56,16 @@ CASES = (
         {"masking": "vcavity"},
         "cooktorrance, constant F, V-cavity G",
     ),
-    Case("aluminium-conductor", "conductor.xml", "aluminium.exr", ("metal.alpha",), {}, "Mitsuba's roughconductor itself"),
+    Case(
+        "aluminium-conductor", "conductor.xml", "aluminium.exr", ("metal.alpha",), {}, "Mitsuba's roughconductor itself"
+    ),
 )
 
 
 def command(
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if missing.")] = Path(
-        "example"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if missing.")
+    ] = Path("example"),
     as_json: Json = False,
 ) -> int:
     """Fit the built-in pictures: a sphere of the model itself, and an aluminium one by Mitsuba's own plugin."""
@@ -71,19 +73,29 @@ def command(
     from ..run import fit
 
     truth = examples.truth()
-    known = {**truth["sphere"], "metal.alpha": truth["aluminium"]["metal.alpha"], "metal.m": truth["aluminium"]["metal.alpha"]}
+    known = {
+        **truth["sphere"],
+        "metal.alpha": truth["aluminium"]["metal.alpha"],
+        "metal.m": truth["aluminium"]["metal.alpha"],
+    }
     solutions: dict[str, Solution] = {}
     for case in CASES:
         output.ready(out / case.name)
         print(f"brdf: fitting {case.picture} with {case.model} ...", file=sys.stderr)
-        targets = {"camera": examples.FOLDER / case.picture}
-        solution = fit(examples.FOLDER / case.scene, targets, case.parameters, progress=printer(), **case.defaults)
-        output.write(solution, out / case.name, **case.defaults)
-        solutions[case.name] = solution
+        solutions[case.name] = fit(
+            examples.FOLDER / case.scene,
+            {"camera": examples.FOLDER / case.picture},
+            case.parameters,
+            progress=printer(),
+            defaults=case.defaults,
+        )
+        output.write(solutions[case.name], out / case.name)
     kept = {name: promised(s, known) for name, s in solutions.items()}
     good = kept["sphere"] and kept["aluminium-smith"] and all(s.converged for s in solutions.values())
     if as_json:
-        print_json({name: {**s.to_json(), "truth": {n: known.get(n) for n in s.parameters}} for name, s in solutions.items()})
+        print_json(
+            {name: {**s.to_json(), "truth": {n: known.get(n) for n in s.parameters}} for name, s in solutions.items()}
+        )
     else:
         print(text(solutions, known, out))
     return 0 if good else 1
@@ -107,16 +119,25 @@ def text(solutions: dict[str, Solution], truth: dict[str, Any], out: Path) -> st
     for name in ("ball.m", "ball.eta"):
         e, true = sphere.parameters[name], truth[name]
         inside = "inside" if e.low[0] <= true <= e.high[0] else "OUTSIDE"
-        lines.append(f"    {name}: truth {true:g}, estimate {e.value[0]:.5g} ({100 * (e.value[0] / true - 1):+.3f} %), {inside} the interval")
+        lines.append(
+            f"    {name}: truth {true:g}, estimate {e.value[0]:.5g} ({100 * (e.value[0] / true - 1):+.3f} %), "
+            f"{inside} the interval"
+        )
     alpha = truth["metal.alpha"]
-    lines += ["", f"(b) An aluminium sphere, rendered by Mitsuba's own roughconductor with alpha = {alpha:g}, fitted with", ""]
+    lines += [
+        "",
+        f"(b) An aluminium sphere, rendered by Mitsuba's own roughconductor with alpha = {alpha:g}, fitted with",
+        "",
+    ]
     metals = {case.model: solutions[case.name] for case in CASES if case.name.startswith("aluminium")}
     width = max(len(m) for m in metals)
     lines.append(f"    {'model'.ljust(width)}  roughness  error     residual")
     for model, s in metals.items():
         e = s.parameters.get("metal.m") or s.parameters["metal.alpha"]
         error = 100 * (e.value[0] / alpha - 1)
-        lines.append(f"    {model.ljust(width)}  {e.value[0]:<9.5f}  {error:+.2f} %   {100 * s.rms:.2f} % of the picture")
+        lines.append(
+            f"    {model.ljust(width)}  {e.value[0]:<9.5f}  {error:+.2f} %   {100 * s.rms:.2f} % of the picture"
+        )
     ours = {m: s for m, s in metals.items() if m.startswith("cooktorrance")}
     best = min(ours, key=lambda m: ours[m].rms)
     lines += ["", f"    Of our models {best} fits it best.", "", f"Reports: {out}/*/report.html"]

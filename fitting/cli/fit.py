@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..solution import Solution, Step
 
 
-class SolverName(str, Enum):
+class SolverName(StrEnum):
     """What ``--solver`` takes."""
 
     lm = "lm"
@@ -26,7 +26,7 @@ class SolverName(str, Enum):
     gd = "gd"
 
 
-class MethodName(str, Enum):
+class MethodName(StrEnum):
     """What ``--method`` takes."""
 
     auto = "auto"
@@ -38,16 +38,20 @@ def command(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.xml", help="A Mitsuba scene with the material in it.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; made if missing.")],
     target: Annotated[
-        list[str], typer.Option("--target", "-t", metavar="CAMERA=IMAGE", help="A picture, and the sensor that took it.")
+        list[str],
+        typer.Option("--target", "-t", metavar="CAMERA=IMAGE", help="A picture, and the sensor that took it."),
     ] = [],  # noqa: B006  (typer reads it, nobody changes it)
     fit: Annotated[
-        list[str], typer.Option("--fit", "-f", metavar="ID.PARAM[=START]", help="A parameter to fit; a colour's START is R,G,B.")
+        list[str],
+        typer.Option("--fit", "-f", metavar="ID.PARAM[=START]", help="A parameter to fit; a colour's START is R,G,B."),
     ] = [],  # noqa: B006
     solver: Annotated[SolverName, typer.Option(help="lm: Levenberg-Marquardt.")] = SolverName.lm,
     mask: Annotated[
         list[str], typer.Option(metavar="[CAMERA=]IMAGE", help="White where a picture is to be used.")
     ] = [],  # noqa: B006
-    spp: Annotated[int | None, typer.Option(help="Samples a pixel. Default: as many as the error bars ask for.")] = None,
+    spp: Annotated[
+        int | None, typer.Option(help="Samples a pixel. Default: as many as the error bars ask for.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of all random numbers.")] = 0,
     iterations: Annotated[int | None, typer.Option(help="At most so many in each run of the solver.")] = None,
     method: Annotated[MethodName, typer.Option(help="How pictures are predicted.")] = MethodName.auto,
@@ -75,14 +79,15 @@ def command(
         max_iterations=iterations,
         method=method.value,
         progress=printer(),
-        **defaults,
+        defaults=defaults,
     )
-    written = output.write(solution, out, **defaults)
+    written = output.write(solution, out)
     if as_json:
         print_json(solution.to_json())
     else:
         print(summary(solution))
-        print(f"Look at {out / 'report.html'}; the material is {', '.join(str(p) for p in written if p.name.startswith('material'))}.")
+        materials = ", ".join(str(path) for path in written if path.name.startswith("material"))
+        print(f"Look at {out / 'report.html'}; the material is {materials}.")
     return 130 if solution.interrupted else 0 if solution.converged else 1
 
 
@@ -119,7 +124,10 @@ def printer() -> Any:
 
     def show(step: Step) -> None:
         values = "  ".join(f"{name} {' '.join(f'{v:.5g}' for v in value)}" for name, value in step.values.items())
-        print(f"{step.iteration:4d}  {step.stage:15s}  loss {step.loss:.6g}  {values}  {step.seconds:.1f} s", file=sys.stderr)
+        print(
+            f"{step.iteration:4d}  {step.stage:15s}  loss {step.loss:.6g}  {values}  {step.seconds:.1f} s",
+            file=sys.stderr,
+        )
 
     return show
 

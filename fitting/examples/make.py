@@ -1,7 +1,7 @@
 """Make the pictures of the examples: ``python -m fitting.examples.make [FOLDER]``.
 
-Mitsuba's `path` renders them, with 65536 samples a pixel: it picks one of the lamps at random, so that a pixel's noise is still
-0.25 %. Far more is added: 2 % of each pixel and a shot noise, which keeps black black and nothing negative.
+Mitsuba's `path` renders them, with 65536 samples a pixel: it picks one of the lamps at random, so that a pixel's noise
+is still 0.25 %. Far more is added: 2 % of each pixel and a shot noise, which keeps black black and nothing negative.
 """
 
 from __future__ import annotations

@@ -32,14 +32,16 @@ class Picture(Protocol):
     def predict(self, reverse: bool = False) -> list[Any]:
         """``mi.Color3f`` arrays that `fold` makes pixels of; `reverse` says which way they will be differentiated.
 
-        The sums are left to `fold` because each would end a kernel: a prediction and all its derivatives are to be computed
-        in one.
+        The sums are left to `fold` because each would end a kernel: a prediction and all its derivatives are to be
+        computed in one.
         """
         ...
 
     def fold(self, parts: Sequence[Any]) -> tuple[Array, Array]:
-        """Linear RGB of the pixels from each half, shape (3, n), from evaluated arrays like those of `predict`: values or
-        derivatives."""
+        """Linear RGB of the pixels from each half, shape (3, n), from evaluated arrays like those of `predict`.
+
+        They may be values or derivatives.
+        """
         ...
 
     def unfold(self, halves: tuple[Array, Array]) -> list[Any]:

@@ -3,10 +3,10 @@
 Camera rays, hit points and light directions stand still, so they are kept as arrays, and an iteration evaluates the
 reflection model alone. The lighting is exact; what remains is where inside a pixel's filter the samples fall.
 
-The film's reconstruction filter is part of the model. A pixel is ``integral filter(x) L(x) dx``, so samples are drawn from
-the filter itself, per pixel (Ernst, Stamminger and Greiner 2006, "Filter importance sampling"). That is the same mean as
-splatting each sample with the filter; it needs no scatter, whose order of summation would differ from run to run, and
-leaves the errors of neighbouring pixels independent, which the error bars use.
+The film's reconstruction filter is part of the model. A pixel is ``integral filter(x) L(x) dx``, so samples are drawn
+from the filter itself, per pixel (Ernst, Stamminger and Greiner 2006, "Filter importance sampling"). That is the same
+mean as splatting each sample with the filter; it needs no scatter, whose order of summation would differ from run to
+run, and leaves the errors of neighbouring pixels independent, which the error bars use.
 """
 
 from __future__ import annotations
@@ -44,7 +44,12 @@ class ExactPicture:
     """
 
     def __init__(
-        self, scene: mi.Scene, sensor: mi.Sensor, groups: list[tuple[mi.BSDF, npt.NDArray[np.int64]]], samples: int, seed: int
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        groups: list[tuple[mi.BSDF, npt.NDArray[np.int64]]],
+        samples: int,
+        seed: int,
     ) -> None:
         self.pixels = np.concatenate([pixels for _, pixels in groups])
         self.samples = samples
@@ -70,10 +75,10 @@ class ExactPicture:
 
 
 class Cache:
-    """All samples of some pixels that see the same BSDF: hit points, directions to the lights, what the lights contribute.
+    """All samples of some pixels that see the same BSDF: hit points, directions to the lights, their light.
 
-    In this order: the pixels of half A, then those again of half B; for each pixel the lights; for each light the samples. So
-    `addends` consecutive entries, lights times samples, add up to a pixel.
+    In this order: the pixels of half A, then those again of half B; for each pixel the lights; for each light the
+    samples. So `addends` consecutive entries, lights times samples, add up to a pixel.
     """
 
     def __init__(
@@ -124,15 +129,18 @@ class Cache:
     def radiance(self, reverse: bool) -> mi.Color3f:
         """What each sample adds to its pixel.
 
-        In reverse mode the BSDF is called through a pointer: one node of the graph, whose adjoint gathers all that the samples
-        say of a parameter in one kernel. Called directly, each use of a parameter would end in a reduction of its own.
+        In reverse mode the BSDF is called through a pointer: one node of the graph, whose adjoint gathers all that the
+        samples say of a parameter in one kernel. Called directly, each use of a parameter would end in a reduction of
+        its own.
         """
         bsdf = dr.select(self.active, mi.BSDFPtr(self.bsdf), dr.zeros(mi.BSDFPtr)) if reverse else self.bsdf
         return self.light * mi.Color3f(bsdf.eval(self.context, self.si, self.wo, self.active))
 
 
 def kronecker(n: int, samples: int, dimensions: int, rng: np.random.Generator) -> list[npt.NDArray[np.float64]]:
-    """`samples` points in the unit square (or 4-cube) for each of `n` pixels: a Kronecker sequence, shifted at random per pixel.
+    """Points in the unit square (or 4-cube), `samples` for each of `n` pixels.
+
+    A Kronecker sequence, shifted at random per pixel.
 
     Returns
     -------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import Bounds, minimize
+from scipy.optimize import minimize
 
 from ..problem import Problem
 from . import Progress, Result
@@ -33,7 +33,7 @@ def solve(problem: Problem, start: Array, max_iterations: int, progress: Progres
         start,
         jac=True,
         method="L-BFGS-B",
-        bounds=Bounds(problem.parameters.low, problem.parameters.high),
+        bounds=list(zip(problem.parameters.low, problem.parameters.high, strict=True)),
         callback=after,
         options={"maxiter": max_iterations, "ftol": 1e-12, "gtol": 1e-12},
     )

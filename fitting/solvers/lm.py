@@ -22,16 +22,17 @@ LONGEST_STEP = 1.0
 SMALLEST_STEP = 1e-7
 #: A step this small against the standard deviation does not change the answer.
 ENOUGH = 0.02
-#: Within this many standard deviations undamped steps are taken without asking whether the loss falls, so many at most. What is
-#: sought is the root of the gradient; a rendered loss is rougher than its gradient, since its paths change with the material.
+#: Within this many standard deviations undamped steps are taken without asking whether the loss falls, so many at most.
+#: What is sought is the root of the gradient; a rendered loss is rougher than its gradient, since its paths change with
+#: the material.
 NEAR, NEAR_STEPS = 1.0, 4
 
 
 def solve(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
     """Damped Gauss-Newton steps (Marquardt 1963) on the cross objective; see `fitting.problem`.
 
-    A step is projected onto the bounds; a parameter at a bound that the gradient pushes outward is held there. Ends when a
-    step is small against the standard deviations, or against float32.
+    A step is projected onto the bounds; a parameter at a bound that the gradient pushes outward is held there. Ends
+    when a step is small against the standard deviations, or against float32.
     """
     x = start.copy()
     damping = DAMPING
@@ -44,7 +45,9 @@ def solve(problem: Problem, start: Array, max_iterations: int, progress: Progres
         while True:
             step, full, sd = propose(problem, here, x, damping)
             if near == NEAR_STEPS or np.all(np.abs(full) <= np.maximum(SMALLEST_STEP, ENOUGH * sd)):
-                return Result(x, iteration - 1, True, "the last step was small against the error bars, or below float32")
+                return Result(
+                    x, iteration - 1, True, "the last step was small against the error bars, or below float32"
+                )
             if np.all(np.abs(full) <= NEAR * sd):
                 step = full
                 near += 1

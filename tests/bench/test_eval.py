@@ -30,9 +30,7 @@ def variant() -> None:
 def test_eval(benchmark: Any, theirs: dict[str, Any], masking: str) -> None:
     """4 M directions: with V-cavities at least as fast (for Smith's masking we evaluate erf, Mitsuba a rational fit)."""
     rng = mi.PCG32(DIRECTIONS)
-    wi, wo = (
-        mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32())) for _ in range(2)
-    )
+    wi, wo = (mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32())) for _ in range(2))
     si = dr.zeros(mi.SurfaceInteraction3f, DIRECTIONS)
     si.wi = wi
     dr.eval(si, wo)

@@ -109,6 +109,8 @@ def test_same_error_in_m(benchmark: object, state: str) -> None:
     benchmark.pedantic(lambda: None, rounds=1)  # type: ignore[attr-defined]  (ratios of one run, not its statistics)
     ratio = theirs[0] / mine[0]
     bound = "" if theirs[1] else f", which is a bound: it did not arrive in {ITERATIONS} iterations"
-    print(f"\n{state}: m within {100 * TOLERANCE:g} % after {mine[0]:.3f} s; tutorial {theirs[0]:.1f} s: {ratio:.0f} times{bound}")
+    print(
+        f"\n{state}: m within {100 * TOLERANCE:g} % after {mine[0]:.3f} s; tutorial {theirs[0]:.1f} s: {ratio:.0f} times{bound}"
+    )
     assert mine[1]
     assert ratio >= (WARM if state == "hot" else COLD)

@@ -93,7 +93,9 @@ def test_smith_published() -> None:
 def facets(kind: str) -> tuple[Any, Any, Any]:
     """Cosines from grazing to normal, and squared sines, each rounded, and indices; cosines not within 1e-3 of the
     critical angle, where a rounding of the input decides the branch."""
-    cosines = np.concatenate([10.0 ** np.arange(-7, 0), np.linspace(0.05, 0.95, 19), 1 - 10.0 ** np.arange(-6.0, -1), [1.0]])
+    cosines = np.concatenate(
+        [10.0 ** np.arange(-7, 0), np.linspace(0.05, 0.95, 19), 1 - 10.0 ** np.arange(-6.0, -1), [1.0]]
+    )
     c, eta = (a.ravel() for a in np.meshgrid(cosines, INDICES))
     c, eta = single(c), single(eta)
     critical = np.sqrt(np.maximum(1 - eta**2, 0))
@@ -186,7 +188,7 @@ def test_log1p(kind: str) -> None:
 def test_beckmann_sample(kind: str, m: float) -> None:
     """Slopes of sampled normals: Rayleigh distributed radius, from the very sharp lobe on (its CDF inverted)."""
     vector = VECTORS[kind]
-    u = (np.arange(4096) + 0.5) / 4096
+    u = np.concatenate([(np.arange(4096) + 0.5) / 4096, 2.0 ** -np.arange(12, 25), [0.0]])
     h = to_numpy(microfacet.beckmann_sample(vector(u, (u * 41) % 1, 0), dr.value_t(vector)(m), vector(0)))
     u32 = to_numpy(dr.value_t(vector)(u))
     tan = np.hypot(h[0], h[1]) / h[2]

@@ -124,7 +124,14 @@ def test_bricks_are_chosen() -> None:
     w = np.array([[0.96, 0.0, 0.28]])
     v = np.array([[0.48, 0.64, 0.6]])
     seen = {
-        round(float(call(specular(CookTorrance(fresnel=f, masking=g)), VECTORS["float64"], w, v, np.ones(1), np.full(1, 1.5))[0]), 9)
+        round(
+            float(
+                call(
+                    specular(CookTorrance(fresnel=f, masking=g)), VECTORS["float64"], w, v, np.ones(1), np.full(1, 1.5)
+                )[0]
+            ),
+            9,
+        )
         for f in FRESNEL
         for g in MASKING
     }
@@ -196,10 +203,13 @@ def test_finite_everywhere(kind: str, fresnel: str, masking: str) -> None:
     density = model.pdf(p, i, o)[1]
     assert np.isfinite(to_numpy(f)).all()
     assert np.isfinite(to_numpy(density)).all()
+    for given in (p.m, p.eta) if fresnel != "constant" else (p.m,):
+        dr.forward(given, flags=dr.ADFlag.ClearVertices)
+        assert np.isfinite(to_numpy(f.x.grad)).all()
+        dr.clear_grad(f)
     dr.backward(dr.sum(f.x))
     assert np.isfinite(to_numpy(p.m.grad)).all()
-    if fresnel != "constant":
-        assert np.isfinite(to_numpy(p.eta.grad)).all()
+    assert np.isfinite(to_numpy(p.eta.grad)).all()
 
 
 @pytest.mark.parametrize("kind", VECTORS)

@@ -126,7 +126,9 @@ def test_choices() -> None:
     with pytest.raises(UsageError, match=r"^cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant\.$"):
         CookTorrance(fresnel="snell")
     known = "fresnel, masking, distribution"
-    with pytest.raises(UsageError, match=rf"^cooktorrance: 'fresnell' is not a choice of this model\. It has: {known}\.$"):
+    with pytest.raises(
+        UsageError, match=rf"^cooktorrance: 'fresnell' is not a choice of this model\. It has: {known}\.$"
+    ):
         CookTorrance(fresnell="exact")
     with pytest.raises(UsageError, match=r"^lambertian: 'x' is not a choice of this model. It has: none\.$"):
         Lambertian(x="y")
@@ -142,7 +144,9 @@ def test_values() -> None:
     assert to_numpy(defaults(CookTorrance(), vector, m=m).m).tolist() == to_numpy(m).tolist()
     with pytest.raises(UsageError, match="cooktorrance: m = 1.7 is outside"):
         defaults(CookTorrance(), vector, m=1.7)
-    with pytest.raises(UsageError, match=r"^cooktorrance: 'n' is not a parameter of this model. It has: diffuse_reflec"):
+    with pytest.raises(
+        UsageError, match=r"^cooktorrance: 'n' is not a parameter of this model. It has: diffuse_reflec"
+    ):
         defaults(CookTorrance(), vector, n=1.7)
 
 

@@ -17,7 +17,9 @@ BALL = """<bsdf type="cooktorrance" id="ball">
     <float name="m" value="$m"/> <float name="eta" value="$eta"/> <rgb name="diffuse_reflectance" value="$base"/>
   </bsdf>"""
 #: In a scene with `BALL`.
-NAMES = '<default name="m" value="0.3"/> <default name="eta" value="1.5"/> <default name="base" value="0.25,0.08,0.04"/>'
+NAMES = (
+    '<default name="m" value="0.3"/> <default name="eta" value="1.5"/> <default name="base" value="0.25,0.08,0.04"/>'
+)
 SPHERE = '<shape type="sphere" id="sphere"><ref id="ball"/></shape>'
 KEY = '<emitter type="point" id="key"><point name="position" x="3" y="3" z="4"/><rgb name="intensity" value="30"/></emitter>'
 RIM = '<emitter type="point"><point name="position" x="-4" y="1" z="-0.5"/><rgb name="intensity" value="20,22,24"/></emitter>'
@@ -65,7 +67,9 @@ def picture(path: Path, spp: int, passes: int = 1, seed: int = 10_000, sensor: i
     """What Mitsuba makes of the scene with other `values` for its $names."""
     use()
     scene = mi.load_file(str(path), **{k: str(v) for k, v in values.items()})
-    images = [np.array(mi.render(scene, sensor=sensor, spp=spp, seed=seed + i), dtype=np.float64) for i in range(passes)]
+    images = [
+        np.array(mi.render(scene, sensor=sensor, spp=spp, seed=seed + i), dtype=np.float64) for i in range(passes)
+    ]
     return np.mean(images, axis=0)[..., :3]
 
 

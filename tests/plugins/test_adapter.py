@@ -148,9 +148,7 @@ def test_sample_pdf_and_eval_agree(m: float) -> None:
         np.testing.assert_array_equal(array(both[0]), value)
         np.testing.assert_array_equal(array(both[1]), pdf)
         assert (array(bs.eta) == 1).all()
-        np.testing.assert_array_equal(
-            array(bs.sampled_type) == int(glossy), array(bs.sampled_component) == 1
-        )
+        np.testing.assert_array_equal(array(bs.sampled_type) == int(glossy), array(bs.sampled_component) == 1)
 
 
 def test_pdf_is_positive_where_eval_is() -> None:
@@ -367,7 +365,9 @@ def test_gradient(name: str) -> None:
     at, step = {"m": float(np.float32(0.3)), "eta": 1.5}, 1e-6
 
     def f(value: float) -> Any:
-        return array((evaluate(model, defaults(model, i, diffuse_reflectance=0.0, **{**at, name: value}), i, o) * o.z).x)
+        return array(
+            (evaluate(model, defaults(model, i, diffuse_reflectance=0.0, **{**at, name: value}), i, o) * o.z).x
+        )
 
     quotient = (f(at[name] + step) - f(at[name] - step)) / (2 * step)
     scale = np.abs(quotient) + f(at[name]) / at[name]
@@ -452,7 +452,9 @@ def test_a_furnace_in_each_variant(variant: str, given: str, tmp_path: Path) -> 
             scene = mi.load_file(str(tmp_path / "scene.xml"))
         else:
             values = (
-                {"reflectance": 0.5} if kind == "lambertian" else {"fresnel": "constant", "m": 0.1, "diffuse_reflectance": 0.0}
+                {"reflectance": 0.5}
+                if kind == "lambertian"
+                else {"fresnel": "constant", "m": 0.1, "diffuse_reflectance": 0.0}
             )
             to_world = mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
             film = {"type": "hdrfilm", "width": 6, "height": 6, "rfilter": {"type": "box"}}
@@ -521,14 +523,20 @@ ERRORS = [
         '<float name="eta" value="0.9"/>',
         "cooktorrance: eta = 0.9 is outside [1.000001, 10]. eta is inside over outside; a dielectric seen from air has eta > 1.",
     ),
-    ('<rgb name="diffuse_reflectance" value="0.1, 1.2, 0"/>', "cooktorrance: diffuse_reflectance = 1.2 is outside [0, 1]."),
+    (
+        '<rgb name="diffuse_reflectance" value="0.1, 1.2, 0"/>',
+        "cooktorrance: diffuse_reflectance = 1.2 is outside [0, 1].",
+    ),
     ('<float name="diffuse_reflectance" value="-1"/>', "cooktorrance: diffuse_reflectance = -1 is outside [0, 1]."),
     (
         '<float name="difuse_reflectance" value="1"/>',
         f"cooktorrance: 'difuse_reflectance' is not a parameter of this model. Did you mean diffuse_reflectance? {HAS}",
     ),
     ('<float name="zzz" value="1"/>', f"cooktorrance: 'zzz' is not a parameter of this model. {HAS}"),
-    ('<string name="fresnel" value="snell"/>', "cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant."),
+    (
+        '<string name="fresnel" value="snell"/>',
+        "cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant.",
+    ),
     ('<float name="fresnel" value="1"/>', "cooktorrance: fresnel takes a <string>: one of exact, schlick, constant."),
     (
         '<string name="fresnel" value="constant"/><float name="eta" value="1.5"/>',
@@ -592,7 +600,9 @@ def test_a_texture_that_cannot_be_asked() -> None:
     with pytest.raises(RuntimeError) as raised:
         mi.load_dict({"type": "cooktorrance", "diffuse_reflectance": spectrum})
     last = str(raised.value).strip().splitlines()[-1]
-    assert last.startswith("UsageError: cooktorrance: diffuse_reflectance takes a colour, which this texture does not give")
+    assert last.startswith(
+        "UsageError: cooktorrance: diffuse_reflectance takes a colour, which this texture does not give"
+    )
 
 
 def test_a_reference() -> None:

@@ -74,7 +74,11 @@ mi.load_dict({"type": "lambertian"})
 """
     root = Path(__file__).parents[2]
     done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(root)}, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(root)},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -140,8 +144,12 @@ def test_a_broken_package_does_not_break_ours(
     assert set(plugins.registered()) >= set(builtin())
     assert plugins.registered()["lambertian"] is builtin()["lambertian"]
     said = capsys.readouterr().err
-    assert "brdf: the model 'shiny' of broken_models:Shiny is left out: No module named 'no_such_module_anywhere'" in said
-    assert "the model 'lambertian' of clashing_models:M is left out: lambertian: this name is taken by brdf.models" in said
+    assert (
+        "brdf: the model 'shiny' of broken_models:Shiny is left out: No module named 'no_such_module_anywhere'" in said
+    )
+    assert (
+        "the model 'lambertian' of clashing_models:M is left out: lambertian: this name is taken by brdf.models" in said
+    )
     assert len(said.splitlines()) == 2
 
 

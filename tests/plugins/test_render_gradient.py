@@ -30,7 +30,9 @@ def test_mean_of_a_picture(integrator: str, light: str) -> None:
     rows = {name: [float(x) for x in rest] for name, *rest in map(str.split, done.stdout.splitlines())}
     assert set(rows) == {"m", "eta"}
     for name, (slope, slope_error, quotient, quotient_error) in rows.items():
-        print(f"{integrator} {light} d/d{name}: {slope:.6f} +- {slope_error:.6f}, differences {quotient:.6f} +- {quotient_error:.6f}")
+        print(
+            f"{integrator} {light} d/d{name}: {slope:.6f} +- {slope_error:.6f}, differences {quotient:.6f} +- {quotient_error:.6f}"
+        )
         error = (slope_error**2 + quotient_error**2) ** 0.5
         assert abs(slope - quotient) < 4 * error + 0.01 * abs(quotient)
         assert error < (0.2 if name == "m" else 0.02) * abs(quotient), "too noisy to tell"
