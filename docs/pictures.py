@@ -113,7 +113,7 @@ def error_of(view: View, white: float) -> npt.NDArray[np.float64]:
 
 
 def draw_lobes(axes: Axes, lobes: Lobes) -> None:
-    """The light reflected, ``f cos``, around where it leaves; each lobe scaled to its maximum, the arrow is its light."""
+    """The light reflected, ``f cos``, each lobe around where it leaves, scaled to its maximum; arrows are the light."""
     axes.set_axis_off()
     axes.set_aspect("equal")
     axes.set_xlim(-1.3, 1.3)

@@ -133,7 +133,7 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
     assert run.result is not None or interrupted
     count = f"{run.history[-1].iteration} iterations" if run.history else "0 iterations"
     if interrupted:
-        return False, f"Interrupted after {count}: these are the best values so far."
+        return False, f"Interrupted after {count}: these are the best values so far. To go on from them, give them as starts."
     assert run.result is not None and run.problem is not None and run.x is not None
     names = np.array(run.parameters.components)
     lost = names[~np.isfinite(sd) | ~found.effect]

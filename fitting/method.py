@@ -21,8 +21,8 @@ DIRECT = 2
 def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
     """None if direct light from points and directions is all there is; else what stands against it.
 
-    It is if every light is a point or a direction, and either the scene's integrator stops at direct light or the scene
-    is one convex body seen from outside.
+    It is if every light is a point or a direction, no light goes straight through a surface, and either the scene's
+    integrator stops at direct light or the scene is one opaque convex body seen from outside.
     """
     for emitter in scene.emitters():
         flags = mi.EmitterFlags
@@ -32,6 +32,9 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
         )
         if not (point or direction):
             return f"there is a light that is neither a point nor a direction ({emitter.class_name()})"
+    surfaces = [(shape, shape.bsdf().flags()) for shape in scene.shapes()]
+    if any(shape.is_medium_transition() or mi.has_flag(f, mi.BSDFFlags.Null) for shape, f in surfaces):
+        return "light goes straight through a surface (a mask, a thin sheet, or a medium behind it)"
     integrator = scene.integrator()
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
@@ -41,7 +44,8 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
     depth = depth_of(integrator)
     if depth is not None and depth <= DIRECT:
         return None
-    if alone_and_convex(scene) and all(outside(scene, s) for s in sensors):
+    opaque = not any(mi.has_flag(f, mi.BSDFFlags.Transmission) for _, f in surfaces)
+    if opaque and alone_and_convex(scene) and all(outside(scene, s) for s in sensors):
         return None
     most = "any number of" if depth is None else f"up to {depth - 1}"
     return f"light can go from surface to surface ({kind}, {most} bounces)"

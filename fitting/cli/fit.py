@@ -59,10 +59,10 @@ def command(
     as_json: Json = False,
 ) -> int:
     """Fit parameters of materials in a scene to pictures of it, with error bars."""
-    targets = dict(pair(t, "--target", "CAMERA=IMAGE") for t in target)
-    parameters = dict(wanted(f) for f in fit)
-    defaults = dict(pair(d, "-D", "NAME=VALUE") for d in define)
-    masks = dict(pair(m, "--mask", "CAMERA=IMAGE") if "=" in m else (only(targets), m) for m in mask)
+    targets = once("--target", [pair(t, "--target", "CAMERA=IMAGE") for t in target])
+    parameters = once("--fit", [wanted(f) for f in fit])
+    defaults = once("-D", [pair(d, "-D", "NAME=VALUE") for d in define])
+    masks = once("--mask", [pair(m, "--mask", "CAMERA=IMAGE") if "=" in m else (only(targets), m) for m in mask])
 
     from .. import output
     from ..run import fit as run
@@ -97,6 +97,16 @@ def pair(text: str, option: str, form: str) -> tuple[str, str]:
     if not (name and equals and value):
         raise UsageError(f"{option} {text!r} is not of the form {form}.")
     return name, value
+
+
+def once(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """As a dictionary; a name given twice is an error, not overwritten."""
+    out = dict(pairs)
+    if len(out) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UsageError(f"{option} {twice} is given twice. Give it once.")
+    return out
 
 
 def wanted(text: str) -> tuple[str, Any]:

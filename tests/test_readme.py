@@ -1,0 +1,218 @@
+"""What the README shows is run as it stands there, and what it lists is compared with what the code declares."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brdf import builtin
+from fitting.cli import app
+from plugins import peers
+
+REPOSITORY = Path(__file__).parents[1]
+NOTEBOOKS = REPOSITORY / "notebooks"
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    """The fenced blocks of one language, in order."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)
+
+
+def section(title: str) -> str:
+    """The text under a heading, up to the next."""
+    found = re.search(rf"^##+ {re.escape(title)}\n(.*?)(?=^##|\Z)", README, re.DOTALL | re.MULTILINE)
+    assert found, f"no section {title!r}"
+    return found[1]
+
+
+def run(command: list[str], folder: Path) -> str:
+    """Standard output of a command that must succeed, with the repository and `folder` to import from."""
+    path = os.pathsep.join((str(REPOSITORY), str(folder)))
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def python(code: str, folder: Path) -> str:
+    return run([sys.executable, "-c", code], folder)
+
+
+def shell(block: str, folder: Path) -> str:
+    """Output of the lines of a block, all of which call `brdf`."""
+    said = []
+    for line in block.replace("\\\n", " ").splitlines():
+        program, *arguments = shlex.split(line, comments=True)
+        assert program == "brdf", line
+        said.append(run([sys.executable, "-m", "fitting.cli.app", *arguments], folder))
+    return "\n".join(said)
+
+
+def value(folder: Path, name: str) -> float:
+    """An estimate in a folder of results."""
+    return json.loads((folder / "fit.json").read_text())["parameters"][name]["value"]
+
+
+MAKE, PAINT, MOON = blocks("sh")
+USE, MODEL, REGISTER = blocks("python")
+SCENE, DUST = blocks("xml")
+
+
+def test_what_make_does() -> None:
+    targets = re.findall(r"^make (\w+)", MAKE, re.MULTILINE)
+    assert targets == ["fit", "test"]
+    makefile = (REPOSITORY / "Makefile").read_text()
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+    (out,) = re.findall(r"example into (\S+)", MAKE)
+    assert f"brdf example --out {out}\n" in makefile
+
+
+def test_what_make_fit_prints(tmp_path: Path) -> None:
+    """Line for line, but for the figures and what the README leaves out."""
+
+    def shape(line: str) -> str:
+        return " ".join(re.sub(r"[+-]?\d+(\.\d+)?(e[+-]?\d+)?", "#", line).split())
+
+    printed = iter([shape(line) for line in shell("brdf example --out out/example", tmp_path).splitlines()])
+    (block,) = blocks("text")
+    for line in block.splitlines():
+        assert shape(line) in printed, line
+
+
+def test_fit_your_own_picture_and_from_python(tmp_path: Path) -> None:
+    """The values in the scene are those of the picture, but a fit does not look at them."""
+    (tmp_path / "paint.xml").write_text(SCENE)
+    said = shell(PAINT, tmp_path)
+    assert "Converged" in said
+    out = tmp_path / "out/paint"
+    assert value(out, "paint.m") == pytest.approx(0.2, rel=1e-3)
+    assert value(out, "paint.eta") == pytest.approx(1.5, rel=1e-3)
+    listed = set(re.findall(r"`(\w+\.(?:html|xml|json|exr|csv))`", section("What comes out")))
+    assert listed == {path.name for path in out.iterdir()}
+    (look,) = re.findall(r"open `(\S+report\.html)`", README)
+    assert (tmp_path / look).is_file()
+
+    said = python(USE, tmp_path).splitlines()
+    assert said[0].startswith("Converged")
+    assert [line.split()[0] for line in said[1:]] == ["paint.m", "paint.eta", "paint.diffuse_reflectance"]
+    assert float(said[1].split("[")[1].split("]")[0]) == pytest.approx(0.2, rel=1e-3)
+
+
+def test_the_model_is_the_file_and_short() -> None:
+    assert (NOTEBOOKS / "lommelseeliger.py").read_text() == MODEL
+    assert MODEL.count("\n") < 40
+    assert DUST in (NOTEBOOKS / "moon.xml").read_text()
+
+
+def test_what_the_model_reflects(tmp_path: Path) -> None:
+    """Isotropic and white, it reflects ``(1 - mu ln(1 + 1/mu)) / 2`` (Hanrahan and Krueger 1993, an infinite layer)."""
+    (tmp_path / "lommelseeliger.py").write_text(MODEL)
+    code = """
+from drjit.llvm.ad import Array3f64
+from brdf import defaults, evaluate
+from brdf.checks.energy import albedo, cosine_weight
+from lommelseeliger import LommelSeeliger
+model = LommelSeeliger()
+p = defaults(model, Array3f64, albedo=1.0, g=0.0)
+for mu in (1, 0.7, 0.3, 0.1):
+    print(albedo(cosine_weight(lambda wi, wo: evaluate(model, p, wi, wo)), mu, Array3f64)[0])
+"""
+    found = [float(line) for line in python(code, tmp_path).splitlines()]
+    np.testing.assert_allclose(found, [0.1534, 0.1894, 0.2800, 0.3801], atol=2e-4)
+
+
+def test_the_model_is_registered_rendered_and_fitted(tmp_path: Path) -> None:
+    (tmp_path / "lommelseeliger.py").write_text(MODEL)
+    (tmp_path / "moon.xml").write_text((NOTEBOOKS / "moon.xml").read_text())
+    g = float(python(REGISTER, tmp_path).strip(" []\n"))
+    assert g == pytest.approx(-0.25, abs=0.005)
+
+
+def test_the_model_in_an_installed_package(tmp_path: Path) -> None:
+    """The file beside the metadata that an installation writes, with the README's entry point."""
+    (tmp_path / "lommelseeliger.py").write_text(MODEL)
+    (tmp_path / "moon.xml").write_text((NOTEBOOKS / "moon.xml").read_text())
+    ((group, point),) = re.findall(r'^\[project\.entry-points\."(.*)"\]\n(.*)\n', "".join(blocks("toml")))
+    info = tmp_path / "dust-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: dust\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[{group}]\n{point.replace(chr(34), '')}\n")
+    said = shell(MOON, tmp_path)
+    assert "fraction of the light that a grain scatters" in said
+    assert (tmp_path / "quarter.exr").is_file()
+    assert 'type="lommelseeliger"' in (tmp_path / "out/moon/material.xml").read_text()
+
+
+def listed(name: str) -> list[list[str]]:
+    """The table that ``brdf models NAME`` prints, without its headings."""
+    lines = run([sys.executable, "-m", "fitting.cli.app", "models", name], REPOSITORY).splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("parameter "))
+    columns = [m.start() for m in re.finditer(r"\S+", lines[start])] + [None]
+    rows = []
+    for line in lines[start + 1 :]:
+        if not line:
+            break
+        rows.append([line[a:b].strip() for a, b in zip(columns, columns[1:], strict=False)])
+    return rows
+
+
+@pytest.mark.parametrize("name", builtin())
+def test_table_of_a_model(name: str) -> None:
+    """If it fails, the lines it prints are what the README should say."""
+    lines = ["| parameter | kind | default | allowed | a fit moves | meaning |", "|---|---|---|---|---|---|"]
+    for parameter, kind, default, allowed, unit, scale, meaning in listed(name):
+        assert unit in ("", "1"), "the table has no column for units"
+        lines.append(f"| `{parameter}` | {kind} | {default} | {allowed.replace(' | ', ', ')} | {scale} | {meaning} |")
+    table = "\n".join(lines)
+    assert table in section(f"`{name}`"), f"\n{table}"
+
+
+def test_table_of_mitsubas_own() -> None:
+    lines = ["| BSDF | parameters |", "|---|---|"]
+    lines += [f"| `{name}` | {', '.join(f'`{p.name}`' for p in params)} |" for name, params in peers.TABLE.items()]
+    table = "\n".join(lines)
+    assert table in section("Mitsuba's own"), f"\n{table}"
+
+
+def test_exit_codes() -> None:
+    told = app.app.info.epilog
+    assert isinstance(told, str)
+    for code in told.removeprefix("Exit codes: ").removesuffix(".").split("; "):
+        assert code in README
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links(page: str) -> None:
+    """What a page points to in the repository is there."""
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
+    assert links or page == "CHANGELOG.md"
+    assert [link for link in links if not (REPOSITORY / link).exists()] == []
+
+
+def test_pictures() -> None:
+    """They are there, and small."""
+    pictures = re.findall(r"!\[.+\]\((.+)\)", README)
+    assert pictures == ["docs/example.png", "docs/moon.png"]
+    for picture in pictures:
+        assert (REPOSITORY / picture).read_bytes()[:4] == b"\x89PNG"
+        assert (REPOSITORY / picture).stat().st_size < 300_000
+
+
+def test_the_order_of_imports_that_is_shown() -> None:
+    """In what the README shows, mitsuba comes after ours."""
+    for block in (USE, REGISTER):
+        ours, theirs = block.find("import fitting"), block.find("import mitsuba")
+        assert ours >= 0
+        assert theirs == -1 or theirs > ours
