@@ -39,6 +39,10 @@ class Linear:
         """Weighted mean square residual ``mean(w r_A r_B)``."""
         return float(np.mean(w * self.r[0] * self.r[1]))
 
+    def power(self, w: Array) -> float:
+        """Weighted mean square of the mean of the halves: `loss` and the samples' own noise, never negative."""
+        return float(np.mean(w * (0.5 * (self.r[0] + self.r[1])) ** 2))
+
     def gradient(self, w: Array) -> Array:
         """Half the gradient of the sum ``sum w r_A r_B``."""
         (ra, rb), (ja, jb) = self.r, self.jacobian
@@ -61,6 +65,8 @@ class Problem:
     pixel, channel, view : int array, shape (n,)
         Flat index of the pixel of each residual, its channel, and the number of its picture; ``widths[view]`` is how
         wide that is.
+    spread : float
+        Weighted mean square of the mean of both halves at the last `descend`: it has the noise that the loss lacks.
     """
 
     def __init__(
@@ -77,6 +83,7 @@ class Problem:
         self.widths = np.array([t.shape[1] for t in targets])
         self.scale = float(np.sqrt(np.mean(self.target**2)))
         self.evaluations = 0
+        self.spread = 0.0
         self.weigh(np.full(len(self.target), 1.0 / self.scale**2))
 
     def weigh(self, weights: Array) -> None:
@@ -134,6 +141,7 @@ class Problem:
         dr.traverse(dr.ADMode.Backward)
         gradient = np.array([dr.grad(v)[0] for v in variables], dtype=np.float64)
         self.evaluations += 1
+        self.spread = float(np.mean(self.weights * (0.5 * (ra + rb)) ** 2))
         return float(np.mean(self.weights * ra * rb)), gradient * self.parameters.slope(x)
 
     def predict(self, reverse: bool = False) -> list[mi.Color3f]:

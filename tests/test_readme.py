@@ -91,7 +91,7 @@ def test_what_make_fit_prints(tmp_path: Path) -> None:
 
 
 def test_fit_your_own_picture_and_from_python(tmp_path: Path) -> None:
-    """The values in the scene are those of the picture, but a fit does not look at them."""
+    """Found from the values of the picture, and from others: a fit looks for its own start."""
     (tmp_path / "paint.xml").write_text(SCENE)
     said = shell(PAINT, tmp_path)
     assert "Converged" in said
@@ -103,6 +103,7 @@ def test_fit_your_own_picture_and_from_python(tmp_path: Path) -> None:
     (look,) = re.findall(r"open `(\S+report\.html)`", README)
     assert (tmp_path / look).is_file()
 
+    (tmp_path / "paint.xml").write_text(SCENE.replace('"0.2"', '"0.6"').replace('"1.5"', '"2.5"'))
     said = python(USE, tmp_path).splitlines()
     assert said[0].startswith("Converged")
     assert [line.split()[0] for line in said[1:]] == ["paint.m", "paint.eta", "paint.diffuse_reflectance"]

@@ -17,8 +17,9 @@ ADAM_LAST = 1e-3
 #: Sufficient decrease of a line search (Nocedal and Wright, sec. 3.1), and the change of the step.
 ARMIJO, GD_SHRINK, GD_GROW = 1e-4, 0.5, 2.0
 GD_LONGEST, GD_SMALLEST = 0.5, 1e-9
-#: Descent has arrived when the loss falls by less than this fraction in `GD_PATIENCE` iterations.
-GD_ENOUGH, GD_PATIENCE = 1e-9, 10
+#: Descent has arrived when in `GD_PATIENCE` iterations the sum of squares falls by less than this fraction of one residual's
+#: variance: a parameter is then within some 0.03 standard deviations.
+GD_ENOUGH, GD_PATIENCE = 1e-3, 10
 
 
 def adam(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
@@ -38,25 +39,30 @@ def adam(problem: Problem, start: Array, max_iterations: int, progress: Progress
 
 
 def gd(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
-    """Steepest descent with a backtracking line search."""
+    """Steepest descent with a backtracking line search, each begun at the step length of Barzilai and Borwein (1988)."""
+    low, high = problem.parameters.low, problem.parameters.high
     x = start.copy()
     loss, g = problem.descend(x)
     progress(0, loss, x)
     step = GD_LONGEST / max(float(np.abs(g).max()), 1e-300)
     losses = [loss]
     for i in range(1, max_iterations + 1):
-        step = min(step * GD_GROW, GD_LONGEST / max(float(np.abs(g).max()), 1e-300))
+        step = min(step, GD_LONGEST / max(float(np.abs(g).max()), 1e-300))
         while True:
-            trial = np.clip(x - step * g, problem.parameters.low, problem.parameters.high)
+            trial = np.clip(x - step * g, low, high)
             new, ahead = problem.descend(trial)
             if np.isfinite(new) and new <= loss + ARMIJO * float(g @ (trial - x)):
                 break
             step *= GD_SHRINK
             if step * float(np.abs(g).max()) < GD_SMALLEST:
                 return Result(x, i - 1, True, "no step along the gradient makes the residual smaller")
+        s, y = trial - x, ahead - g
+        step = float(s @ s / (s @ y)) if s @ y > 0 else step * GD_GROW
         x, loss, g = trial, new, ahead
         losses.append(loss)
         progress(i, loss, x)
-        if len(losses) > GD_PATIENCE and losses[-1 - GD_PATIENCE] - loss <= GD_ENOUGH * abs(loss):
-            return Result(x, i, True, "the residual no longer falls")
+        if len(losses) > GD_PATIENCE:
+            fallen = (losses[-1 - GD_PATIENCE] - loss) * len(problem.target)
+            if fallen <= GD_ENOUGH * problem.spread:
+                return Result(x, i, True, "the residual no longer falls")
     return Result(x, max_iterations, False, f"it stopped after {max_iterations} iterations")

@@ -24,8 +24,8 @@ SMALLEST_STEP = 1e-7
 ENOUGH = 0.02
 #: Within this many standard deviations undamped steps are taken without asking whether the loss falls, so many at most.
 #: What is sought is the root of the gradient; a rendered loss is rougher than its gradient, since its paths change with
-#: the material.
-NEAR, NEAR_STEPS = 1.0, 4
+#: the material. Where the fit is still so bad that a standard deviation is long, a step must be this short as well.
+NEAR, NEAR_STEPS, NEAR_STEP = 1.0, 4, 0.1
 
 
 def solve(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
@@ -48,13 +48,16 @@ def solve(problem: Problem, start: Array, max_iterations: int, progress: Progres
                 return Result(
                     x, iteration - 1, True, "the last step was small against the error bars, or below float32"
                 )
-            if np.all(np.abs(full) <= NEAR * sd):
+            close = bool(np.all(np.abs(full) <= np.minimum(NEAR * sd, NEAR_STEP)))
+            if close:
                 step = full
                 near += 1
             trial = np.clip(x + step, problem.parameters.low, problem.parameters.high)
             ahead = problem.linearize(trial)
             new = ahead.loss(w)
-            if np.isfinite(new) and (new < loss or near):
+            # The product of the halves falls below 0 by noise alone, without end where few samples meet a sharp lobe.
+            sane = new > 0 or ahead.power(w) <= here.power(w)
+            if np.isfinite(new) and (close or (new < loss and sane)):
                 break
             damping *= DAMPING_UP
             if damping > DAMPING_MOST:
@@ -85,6 +88,5 @@ def propose(problem: Problem, here: Linear, x: Array, damping: float) -> tuple[A
         step *= LONGEST_STEP / longest
     full[free] = np.clip(x[free] - scale * (vectors @ (along / values)), low[free], high[free]) - x[free]
     # The noise is in the mean of the halves; their product, the loss, is free of it.
-    noise = np.mean(w * (0.5 * (here.r[0] + here.r[1])) ** 2)
-    sd[free] = scale * np.sqrt(noise * np.sum(vectors**2 / values, axis=1))
+    sd[free] = scale * np.sqrt(here.power(w) * np.sum(vectors**2 / values, axis=1))
     return step, full, sd

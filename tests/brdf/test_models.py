@@ -142,7 +142,7 @@ def test_values() -> None:
     assert to_numpy(p.diffuse_reflectance).ravel().tolist() == [0.25] * 3
     m = wide.Float([0.1, 0.2])
     assert to_numpy(defaults(CookTorrance(), vector, m=m).m).tolist() == to_numpy(m).tolist()
-    with pytest.raises(UsageError, match="cooktorrance: m = 1.7 is outside"):
+    with pytest.raises(UsageError, match=r"^cooktorrance: m = 1\.7 is outside"):
         defaults(CookTorrance(), vector, m=1.7)
     with pytest.raises(
         UsageError, match=r"^cooktorrance: 'n' is not a parameter of this model. It has: diffuse_reflec"

@@ -106,7 +106,8 @@ def test_free_and_back(p: Param, t: float) -> None:
 
 @names
 def test_slope_is_the_central_difference(p: Param) -> None:
-    x = np.linspace(*(float(p.to_free(min(b, 100.0))) for b in p.interior()), 41)[1:-1]
+    low, high = (float(p.to_free(min(b, 100.0))) for b in p.interior())
+    x = np.linspace(low, high, 41)[1:-1]
     h = 1e-5
     quotient = (p.to_value(x + h) - p.to_value(x - h)) / (2 * h)
     np.testing.assert_allclose(p.slope(x), quotient, rtol=1e-5)

@@ -212,6 +212,7 @@ def test_black_altogether() -> None:
     rng = np.random.default_rng(4)
     bs, weight = bsdf.sample(mi.BSDFContext(), interaction(WI), mi.Float(rng.random(N)), mi.Point2f(rng.random((2, N))))
     assert (array(weight) == 0).all() and np.isfinite(array(bs.pdf)).all()
+    assert (array(bsdf.pdf(mi.BSDFContext(), interaction(WI), mi.Vector3f(WO.T))) > 0).all()
     assert (array(bsdf.eval(mi.BSDFContext(), interaction(WI), mi.Vector3f(WO.T))) == 0).all()
 
 

@@ -12,6 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from drjit.llvm.ad import Array3f64
 
 import plugins
 from brdf import Lobe, Model, UsageError, builtin, choice, number
@@ -107,11 +108,9 @@ def test_an_outsiders_model(variant: str) -> None:
 
 def test_the_outsiders_formula() -> None:
     """Its albedo is ``reflectance cos^(exponent - 1)``."""
-    from drjit.llvm.ad import Array3f64 as vector
-
-    p = defaults(Minnaert(), vector, reflectance=0.8, exponent=2.5)
+    p = defaults(Minnaert(), Array3f64, reflectance=0.8, exponent=2.5)
     for mu in (1.0, 0.3):
-        value, error = albedo(lobe_weight(Minnaert(), p), mu, vector)
+        value, error = albedo(lobe_weight(Minnaert(), p), mu, Array3f64)
         assert value == pytest.approx(0.8 * mu**1.5, abs=4 * error)
 
 
