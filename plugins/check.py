@@ -68,9 +68,8 @@ def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
     wi = hemisphere(PAIRS, rng)
     wo = np.where(np.arange(PAIRS) % 2 == 0, hemisphere(PAIRS, rng), near_mirror(wi, rng))
     up = wo[2] > 0
-    context = mi.BSDFContext(
-        mi.TransportMode.Importance
-    )  # radiance would be compressed on the way into a denser medium
+    # Not radiance, which is compressed on the way into a denser medium.
+    context = mi.BSDFContext(mi.TransportMode.Importance)
 
     def f(i: mi.Vector3f, o: mi.Vector3f) -> Any:
         return bsdf.eval(context, interaction(i), o) / o.z
