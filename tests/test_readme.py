@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -164,7 +165,7 @@ def listed(name: str) -> list[list[str]]:
     for line in lines[start + 1 :]:
         if not line:
             break
-        rows.append([line[a:b].strip() for a, b in zip(columns, columns[1:], strict=False)])
+        rows.append([line[a:b].strip() for a, b in itertools.pairwise(columns)])
     return rows
 
 
@@ -176,7 +177,7 @@ def test_table_of_a_model(name: str) -> None:
         assert unit in ("", "1"), "the table has no column for units"
         lines.append(f"| `{parameter}` | {kind} | {default} | {allowed.replace(' | ', ', ')} | {scale} | {meaning} |")
     table = "\n".join(lines)
-    assert table in section(f"`{name}`"), f"\n{table}"
+    assert f"### `{name}`\n\n{table}\n" in README, f"\n### `{name}`\n\n{table}"
 
 
 def test_table_of_mitsubas_own() -> None:

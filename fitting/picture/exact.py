@@ -96,14 +96,18 @@ class Cache:
         width, height = film_size(sensor)
         both = np.concatenate([pixels, pixels])
         points = kronecker(len(both), samples, 4 if sensor.needs_aperture_sample() else 2, rng)
-        inverse = filter_table(sensor.film().rfilter())
+        inverse, masses = filter_table(sensor.film().rfilter())
         (dx, sx), (dy, sy) = inverse(points[0]), inverse(points[1])
-        x = np.repeat(both % width, samples) + 0.5 + dx
-        y = np.repeat(both // width, samples) + 0.5 + dy
-        # A sample counts with the filter's sign, over the sum in its pixel; outside the film it does not count.
-        share = (sx * sy * ((x >= 0) & (x <= width) & (y >= 0) & (y <= height))).reshape(-1, samples)
-        total = share.sum(axis=1, keepdims=True)
-        share = (share / np.where(total == 0, 1, total)).ravel()
+        column, row = both % width, both // width
+        x, y = np.repeat(column, samples) + 0.5 + dx, np.repeat(row, samples) + 0.5 + dy
+        # What falls outside the film does not count. Samples on positive and on negative lobes of the filter share what
+        # these weigh: with signs alone, their sum would be as noisy as the picture.
+        sign = (sx * sy * ((x >= 0) & (x <= width) & (y >= 0) & (y <= height))).reshape(-1, samples)
+        (px, nx), (py, ny) = masses(-column - 0.5, width - column - 0.5), masses(-row - 0.5, height - row - 0.5)
+        minus = np.where((sign < 0).any(axis=1), (px * ny + nx * py) / ((px - nx) * (py - ny)), 0.0)
+        count = [np.maximum((sign * s > 0).sum(axis=1), 1) for s in (1, -1)]
+        share = np.where(sign > 0, ((1 + minus) / count[0])[:, None], -(minus / count[1])[:, None]) * (sign != 0)
+        share = share.ravel()
         aperture = mi.Point2f(*(mi.Float(p.astype(np.float32)) for p in points[2:])) if len(points) > 2 else None
         position = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
         ray, ray_weight = rays(sensor, position, aperture)
@@ -151,25 +155,31 @@ def kronecker(n: int, samples: int, dimensions: int, rng: np.random.Generator) -
     return [((rng.random((n, 1)) + np.arange(samples) * step) % 1.0).ravel() for step in steps]
 
 
-def filter_table(rfilter: mi.ReconstructionFilter) -> Any:
+def filter_table(rfilter: mi.ReconstructionFilter) -> tuple[Any, Any]:
     """Inversion of the distribution ``|filter(x)|`` along one axis.
 
     Returns
     -------
     function
         Of `u` in [0, 1), giving the offset from the pixel's centre [pixels] and the filter's sign there.
+    function
+        Of two offsets, giving the mass of the filter's positive lobes between them and that of its negative ones.
     """
     radius = float(rfilter.radius())
     edges = np.linspace(-radius, radius, FILTER_TABLE + 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
     value = np.array(rfilter.eval(mi.Float(middle.astype(np.float32))), dtype=np.float64)
-    mass = np.abs(value)
-    cdf = np.concatenate([[0.0], np.cumsum(mass)]) / mass.sum()
+    total = np.abs(value).sum()
+    cdf = np.concatenate([[0.0], np.cumsum(np.abs(value))]) / total
+    sums = [np.concatenate([[0.0], np.cumsum(np.maximum(s * value, 0))]) / total for s in (1, -1)]
 
-    def inverse(u: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def inverse(u: Array) -> tuple[Array, Array]:
         cell = np.clip(np.searchsorted(cdf, u, side="right") - 1, 0, FILTER_TABLE - 1)
         width = cdf[cell + 1] - cdf[cell]
         t = np.where(width > 0, (u - cdf[cell]) / np.where(width > 0, width, 1.0), 0.5)
         return edges[cell] + t * (edges[1] - edges[0]), np.where(value[cell] < 0, -1.0, 1.0)
 
-    return inverse
+    def masses(low: Array, high: Array) -> list[Array]:
+        return [np.interp(high, edges, each) - np.interp(low, edges, each) for each in sums]
+
+    return inverse, masses
