@@ -34,7 +34,7 @@ WIDTH, HEIGHT, DOTS = 9.0, 2.6, 160
 #: white.
 DARKER_TO_BRIGHTER = ["#8fd0ff", "#2f6f9f", "#1b222b", "#a5502e", "#ffb58f"]
 ERROR, FLOOR = 0.05, 0.05
-STYLE: dict[Any, Any] = {"font.family": "DejaVu Sans", "font.size": 9, "text.color": INK}
+STYLE: dict[Any, Any] = {"font.family": "DejaVu Sans", "font.size": 10.5, "text.color": INK}
 
 
 def example() -> Figure:
@@ -130,7 +130,7 @@ def draw_lobes(axes: Axes, lobes: Lobes) -> None:
         along = np.array([-np.sin(angle), np.cos(angle)])
         arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", 0.8 * along, 1.05 * along, arrowprops=arrow)
-        axes.text(*(1.18 * along), f"{np.degrees(angle):.0f}°", color=colour, ha="center", va="center", fontsize=8)
+        axes.text(*(1.18 * along), f"{np.degrees(angle):.0f}°", color=colour, ha="center", va="center", fontsize=9.5)
 
 
 def main() -> None:

@@ -57,7 +57,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     low, high = interval(parameters, x, np.sqrt(np.maximum(np.diag(covariance_x), 0.0)), found.quantile)
     mean = 0.5 * (linear.r[0] + linear.r[1])
     rms = rms_of(mean, problem.target)
-    said = remarks.about(parameters, found, correlation, sd, at_bound, values, rms)
+    said = remarks.about(parameters, found, sd, at_bound, values, rms)
     said += [text for view in run.views for text in view.remarks]
     converged, status = verdict(run, linear, found, sd, interrupted)
     parameters.place(x)
@@ -133,7 +133,10 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
     assert run.result is not None or interrupted
     count = f"{run.history[-1].iteration} iterations" if run.history else "0 iterations"
     if interrupted:
-        return False, f"Interrupted after {count}: these are the best values so far. To go on from them, give them as starts."
+        return (
+            False,
+            f"Interrupted after {count}: these are the best values so far. To go on from them, give them as starts.",
+        )
     assert run.result is not None and run.problem is not None and run.x is not None
     names = np.array(run.parameters.components)
     lost = names[~np.isfinite(sd) | ~found.effect]

@@ -48,6 +48,7 @@ def write(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
     rest is complete.
     """
     folder = ready(folder)
+    (folder / "fit.json").unlink(missing_ok=True)  # of an earlier fit: what it vouches for is about to change
     defaults = solution.settings["defaults"]
     scene = solution.settings["scene"]
     values = fitted_values(solution)

@@ -13,6 +13,8 @@ from scipy import ndimage
 
 #: Rays along each side of a pixel with which its content is found.
 PROBES = 4
+#: Points of the lens, as a sensor takes them in the unit square, through which each is sent: the middle, and the rim.
+LENS = ((0.5, 0.5), (0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0))
 
 
 def film_size(sensor: mi.Sensor) -> tuple[int, int]:
@@ -41,10 +43,14 @@ def content(scene: mi.Scene, sensor: mi.Sensor) -> npt.NDArray[np.int64]:
     # Probes on the borders of the pixel as well: an edge that only touches it counts.
     dx = mi.Float(probe % PROBES) / (PROBES - 1)
     dy = mi.Float(probe // PROBES) / (PROBES - 1)
-    ray, _ = rays(sensor, mi.Point2f(mi.Float(pixel % width) + dx, mi.Float(pixel // width) + dy))
-    si = scene.ray_intersect(ray)
-    met = dr.reinterpret_array(mi.UInt32, si.bsdf())
-    ids = np.array(dr.select(si.is_valid(), met, 0)).reshape(height, width, PROBES**2).astype(np.int64)
+    position = mi.Point2f(mi.Float(pixel % width) + dx, mi.Float(pixel // width) + dy)
+    seen = []
+    for point in LENS if sensor.needs_aperture_sample() else LENS[:1]:
+        ray, _ = rays(sensor, position, mi.Point2f(*point))
+        si = scene.ray_intersect(ray)
+        met = dr.reinterpret_array(mi.UInt32, si.bsdf())
+        seen.append(np.array(dr.select(si.is_valid(), met, 0)).reshape(height, width, PROBES**2).astype(np.int64))
+    ids = np.concatenate(seen, axis=2)
     same = (ids == ids[..., :1]).all(axis=-1) & (ids[..., 0] > 0)
     return np.where(same, ids[..., 0], -1)
 

@@ -25,14 +25,13 @@ OWN_NOISE = 0.5
 def about(
     parameters: Parameters,
     uncertainty: Uncertainty,
-    correlation: Array,
     sd: Array,
     at_bound: Sequence[bool],
     values: Array,
     rms: float,
 ) -> list[str]:
     """All remarks that hold, the gravest first."""
-    names = parameters.components
+    names, correlation = parameters.components, uncertainty.confusion
     out = []
     for i, name in enumerate(names):
         if not uncertainty.effect[i]:

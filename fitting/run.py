@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import mitsuba as mi
 import numpy as np
@@ -176,6 +176,8 @@ def fit(
     solvers = methods()
     if solver not in solvers:
         raise UsageError(f"solver {solver!r} is not one of {', '.join(solvers)}.")
+    if method not in get_args(Method):
+        raise UsageError(f"method {method!r} is not one of {', '.join(get_args(Method))}.")
     if spp is not None and spp < 2:
         raise UsageError(f"spp = {spp}: at least 2 samples a pixel are needed, one in each half.")
     if max_iterations is not None and max_iterations < 1:
@@ -214,7 +216,9 @@ def fit(
     settings = {
         "scene": os.fspath(loaded.path),
         "targets": {v.name: v.path for v in views},
-        "masks": {name: m if isinstance(m, str) else "(array)" for name, m in (masks or {}).items()},
+        "masks": {
+            name: os.fspath(m) if isinstance(m, str | os.PathLike) else "(array)" for name, m in (masks or {}).items()
+        },
         "parameters": {f.name: None if f.start is None else f.start.tolist() for f in free},
         "solver": solver,
         "max_iterations": run.max_iterations,
@@ -292,6 +296,8 @@ def refine(run: Run, spp: int | None) -> None:
     levels = levels_of(run) if spp is None else [max(1, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
     first = levels[0] if second_order else levels[min(1, len(levels) - 1)]
     begin(run, first)
+    assert run.problem is not None and run.x is not None
+    run.problem.residuals(run.x)  # for its kernel, which `reweigh` needs: none is compiled after the first iteration
     run.solve("equal weights")
     run.reweigh()
     run.solve("noise weights")

@@ -30,6 +30,9 @@ class Uncertainty:
     ----------
     covariance : array, shape (p, p)
         NaN in the rows of components that the pictures do not determine.
+    confusion : array, shape (p, p)
+        Correlation that independent noise in each residual would cause: how alike two components act on the pictures.
+        That in `covariance` has the noise's own correlations in it, such as between the channels of a pixel.
     effect : bool array, shape (p,)
         Whether a component changes any pixel.
     quantile : float
@@ -41,6 +44,7 @@ class Uncertainty:
     """
 
     covariance: Array
+    confusion: Array
     effect: npt.NDArray[np.bool_]
     quantile: float
     sampling_share: float
@@ -70,7 +74,7 @@ def estimate(problem: Problem, linear: Linear, x: Array) -> Uncertainty:
     h = linear.hessian(w)
     diagonal = np.diag(h)
     live = np.flatnonzero(effect & (diagonal > 0))
-    covariance = np.full((p, p), np.nan)
+    covariance, confusion = np.full((p, p), np.nan), np.full((p, p), np.nan)
     block = blocks_of(problem)
     groups = int(block.max()) + 1
     quantile = float(stats.t.ppf(0.5 + LEVEL / 2, max(groups - len(live), 1)))
@@ -88,11 +92,13 @@ def estimate(problem: Problem, linear: Linear, x: Array) -> Uncertainty:
             moved = np.stack([np.linalg.lstsq(hs - one, sk, rcond=SINGULAR)[0] for one, sk in zip(hk, s, strict=True)])
             scaled = (groups - 1) / groups * moved.T @ moved
             covariance[np.ix_(live, live)] = scaled * np.outer(scale, scale)
+            inverse = np.linalg.inv(hs)
+            confusion[np.ix_(live, live)] = inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
     mean = 0.5 * (ra + rb)
     total = float(np.mean(w * mean**2))
     sampling = float(np.mean(w * (ra - rb) ** 2)) / 4
     return Uncertainty(
-        covariance, effect, quantile, sampling / total if total > 0 else 0.0, far(problem, mean * np.sqrt(w))
+        covariance, confusion, effect, quantile, sampling / total if total > 0 else 0.0, far(problem, mean * np.sqrt(w))
     )
 
 

@@ -129,9 +129,13 @@ model = LommelSeeliger()
 p = defaults(model, Array3f64, albedo=1.0, g=0.0)
 for mu in (1, 0.7, 0.3, 0.1):
     print(albedo(cosine_weight(lambda wi, wo: evaluate(model, p, wi, wo)), mu, Array3f64)[0])
+up = Array3f64(0, 0, 1)
+print(evaluate(model, defaults(model, Array3f64, albedo=1.0, g=-0.5), up, up).x[0])
 """
-    found = [float(line) for line in python(code, tmp_path).splitlines()]
+    *found, back = [float(line) for line in python(code, tmp_path).splitlines()]
     np.testing.assert_allclose(found, [0.1534, 0.1894, 0.2800, 0.3801], atol=2e-4)
+    # Straight back, Henyey and Greenstein's function is (1 + g) / (1 - g)^2 with g = 0.5.
+    assert back == pytest.approx(6 / (8 * np.pi), rel=1e-12)
 
 
 def test_the_model_is_registered_rendered_and_fitted(tmp_path: Path) -> None:
@@ -152,7 +156,7 @@ def test_the_model_in_an_installed_package(tmp_path: Path) -> None:
     (info / "entry_points.txt").write_text(f"[{group}]\n{point.replace(chr(34), '')}\n")
     said = shell(MOON, tmp_path)
     assert "fraction of the light that a grain scatters" in said
-    assert (tmp_path / "quarter.exr").is_file()
+    assert value(tmp_path / "out/moon", "dust.g") == pytest.approx(-0.25, abs=0.005)
     assert 'type="lommelseeliger"' in (tmp_path / "out/moon/material.xml").read_text()
 
 

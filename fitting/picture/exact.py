@@ -116,9 +116,10 @@ class Cache:
         factor = mi.Color3f(ray_weight) * mi.Float(share.astype(np.float32))
         dr.eval(si, here, factor)
 
+        # Opaque, or each number of samples would ask for a kernel of its own.
+        n, lights = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, len(emitters))
         i = dr.arange(mi.UInt32, len(both) * self.addends)
-        sample = i // self.addends * samples + i % samples
-        which = i // samples % len(emitters)
+        sample, which = i // (n * lights) * n + i % n, i // n % lights
         self.si = dr.gather(mi.SurfaceInteraction3f, si, sample)
         self.active = dr.gather(mi.Bool, here, sample)
         self.wo, self.light = mi.Vector3f(0), mi.Color3f(0)

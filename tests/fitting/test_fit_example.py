@@ -1,0 +1,85 @@
+"""The main job: the built-in pictures, by the command, to the accuracy that is promised, with every solver."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fitting import examples
+from fitting.cli.app import main
+
+TRUTH = examples.truth()
+#: Relative, as promised in the README.
+M, ETA, ALPHA = 0.005, 0.01, 0.03
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """What `brdf example --json` says."""
+    import contextlib
+    import io
+
+    from tests.fitting import studio
+
+    studio.use()
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = main(["example", "--out", str(tmp_path_factory.mktemp("example")), "--json"])
+    return {"code": code, **json.loads(said.getvalue())}
+
+
+def test_the_command_succeeds(results: dict) -> None:
+    assert results["code"] == 0
+
+
+@pytest.mark.parametrize(("name", "within"), [("ball.m", M), ("ball.eta", ETA)])
+def test_sphere_of_the_model_itself(results: dict, name: str, within: float) -> None:
+    found, truth = results["sphere"]["parameters"][name], TRUTH["sphere"][name]
+    assert abs(found["value"] / truth - 1) < within
+    assert found["low"] <= truth <= found["high"]
+    # The interval says something: it is narrower than what is promised.
+    assert found["high"] - found["low"] < 2 * within * truth
+    assert results["sphere"]["converged"]
+    assert results["sphere"]["remarks"] == []
+
+
+def test_base_colour_of_the_sphere(results: dict) -> None:
+    found = results["sphere"]["parameters"]["ball.diffuse_reflectance"]
+    for value, sd, truth in zip(found["value"], found["sd"], TRUTH["sphere"]["ball.diffuse_reflectance"], strict=True):
+        assert abs(value - truth) < 4 * sd < 0.04 * truth
+
+
+def test_aluminium_by_mitsubas_roughconductor(results: dict) -> None:
+    """Our model with Smith's masking finds its alpha; V-cavities fit worse and are worse, and both say so."""
+    alpha = TRUTH["aluminium"]["metal.alpha"]
+    smith, vcavity, own = (results[f"aluminium-{kind}"] for kind in ("smith", "vcavity", "conductor"))
+    assert abs(smith["parameters"]["metal.m"]["value"] / alpha - 1) < ALPHA
+    assert abs(own["parameters"]["metal.alpha"]["value"] / alpha - 1) < M
+    assert own["rms"] <= smith["rms"] < 0.8 * vcavity["rms"]
+    misfit = [any("is not noise" in remark for remark in r["remarks"]) for r in (own, smith, vcavity)]
+    assert misfit == [False, misfit[1], True]
+
+
+def test_its_text_says_which_model_fits(results: dict) -> None:
+    """The text that people read says the same; see `test_cli_fit` for the command that writes it."""
+    from fitting.cli import example
+
+    assert results["aluminium-smith"]["rms"] < results["aluminium-vcavity"]["rms"]
+    assert [case.model for case in example.CASES if case.name == "aluminium-smith"] == [
+        "cooktorrance, constant F, Smith G"
+    ]
+
+
+@pytest.mark.parametrize("solver", ["lbfgs", "gd", pytest.param("adam", marks=pytest.mark.slow)])
+def test_other_solvers_arrive_too(solver: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With their defaults, and no start."""
+    arguments = ["fit", str(examples.FOLDER / "sphere.xml"), "--target", f"camera={examples.FOLDER / 'sphere.exr'}"]
+    for name in TRUTH["sphere"]:
+        arguments += ["--fit", name]
+    assert main([*arguments, "--out", str(tmp_path), "--solver", solver, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    for name in ("ball.m", "ball.eta"):
+        assert abs(found[name]["value"] / TRUTH["sphere"][name] - 1) < 0.01
+        assert found[name]["low"] <= TRUTH["sphere"][name] <= found[name]["high"]
