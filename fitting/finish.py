@@ -18,6 +18,7 @@ from . import remarks, uncertainty
 from .parameters import Parameters
 from .problem import Linear
 from .solution import Estimate, Lobes, MaterialCheck, Solution, View
+from .solvers import methods
 from .uncertainty import Uncertainty
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     low, high = interval(parameters, x, np.sqrt(np.maximum(np.diag(covariance_x), 0.0)), found.quantile)
     mean = 0.5 * (linear.r[0] + linear.r[1])
     rms = rms_of(mean, problem.target)
-    said = remarks.about(parameters, found, sd, at_bound, values, rms)
+    said = remarks.about(parameters, found, sd, at_bound, values, rms, run.misfit)
     said += [text for view in run.views for text in view.remarks]
     converged, status = verdict(run, linear, found, sd, interrupted)
     parameters.place(x)
@@ -157,9 +158,12 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
     far = np.abs(reach) > np.maximum(ARRIVED_SD * found.sd, ARRIVED)
     if far.any():
         worst = int(np.argmax(np.abs(reach)))
+        advice = "Allow more iterations, or use --solver lm"
+        if run.solver is methods()["lm"]:
+            advice = "Fix one of the parameters that hardly differ in what they do"
         return False, (
             f"Not converged after {count}: {run.result.reason}, yet {names[worst]} would still move by "
-            f"{abs(reach[worst]) / found.sd[worst]:.1f} standard deviations. Allow more iterations, or use --solver lm."
+            f"{abs(reach[worst]) / found.sd[worst]:.1f} standard deviations. {advice}."
         )
     return True, f"Converged in {count}: {run.result.reason}."
 

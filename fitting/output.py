@@ -3,31 +3,42 @@
 from __future__ import annotations
 
 import csv
+import fnmatch
 import json
 import os
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from brdf.errors import DataError
+from brdf.errors import DataError, UsageError
 from plugins import xmlfile
 
 from . import images, report
 from .files import replacing
 from .solution import Solution
 
+#: Names of what `write` leaves.
+NAMES = ("material.xml", "material-*.xml", "scene.xml", "scene.*.xml", "render.exr", "render-*.exr", "error.exr")
+NAMES += ("error-*.exr", "history.csv", "report.html", "fit.json")
 
-def ready(folder: str | os.PathLike[str]) -> Path:
+
+def ready(folder: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
     """Make the folder, and make sure before the work that files can be written there.
 
     Raises
     ------
     DataError
         It cannot be made or written.
+    UsageError
+        One of the `inputs` lies there under a name that the results take.
     """
     folder = Path(folder)
+    for path in map(Path, inputs):
+        if path.resolve().parent == folder.resolve() and any(fnmatch.fnmatch(path.name, name) for name in NAMES):
+            raise UsageError(f"{path}: the results would overwrite it. Choose another --out than {folder}.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -54,7 +65,7 @@ def write(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
     values = fitted_values(solution)
     written = []
     for name, params in values.items():
-        path = folder / ("material.xml" if len(values) == 1 else f"material-{name}.xml")
+        path = folder / ("material.xml" if len(values) == 1 else f"material-{safe(name)}.xml")
         comment = (
             f"{name}: fitted by brdf-fitting {solution.versions['brdf-fitting']}. Error bars and settings: fit.json"
         )
@@ -62,7 +73,7 @@ def write(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
         written.append(path)
     written += xmlfile.rewrite(scene, folder / "scene.xml", values, **defaults)
     for view in solution.views:
-        ending = "" if len(solution.views) == 1 else f"-{view.sensor}"
+        ending = "" if len(solution.views) == 1 else f"-{safe(view.sensor)}"
         error = np.where(view.used[..., None], view.render - view.target, 0)
         for kind, array in (("render", view.render), ("error", error)):
             written.append(folder / f"{kind}{ending}.exr")
@@ -76,6 +87,11 @@ def write(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
     with replacing(written[-1]) as path:
         path.write_text(json.dumps({**solution.to_json(), "command": command(solution.settings)}, indent=2) + "\n")
     return written
+
+
+def safe(name: str) -> str:
+    """An id as part of a file's name."""
+    return name.replace("/", "_")
 
 
 def fitted_values(solution: Solution) -> dict[str, dict[str, Any]]:

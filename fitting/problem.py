@@ -21,9 +21,13 @@ from .parameters import Parameters
 from .picture import Picture
 
 Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.intp]
 
 #: A residual is never trusted below this fraction of the picture's rms: float32 rounding of a prediction.
 ROUNDING = 1e-6
+#: Residuals this far apart [pixels] share no noise, not even through a reconstruction filter. If they share more than
+#: this fraction of its variance, and more than so many standard errors, that is misfit. Fewer pairs tell nothing.
+APART, MISFIT, SIGNIFICANT, ENOUGH_PIXELS = 3, 0.05, 5.0, 200
 #: Bins of predicted intensity in which the variance of the residuals is measured.
 NOISE_BINS = 24
 
@@ -84,6 +88,10 @@ class Problem:
         self.scale = float(np.sqrt(np.mean(self.target**2)))
         self.evaluations = 0
         self.spread = 0.0
+        self.weigh_equally()
+
+    def weigh_equally(self) -> None:
+        """Set all weights to 1 over the mean square of the targets."""
         self.weigh(np.full(len(self.target), 1.0 / self.scale**2))
 
     def weigh(self, weights: Array) -> None:
@@ -171,21 +179,62 @@ class Problem:
         return out
 
     def noise(self, residuals: tuple[Array, Array]) -> Array:
-        """Variance of each residual, as ``a + b I + c I^2`` of the predicted intensity `I`, a, b, c >= 0.
+        """Variance of the noise in each residual.
 
-        Read off the residuals themselves: additive, shot and multiplicative noise, and as far as it goes what the model
-        cannot explain. Bins of equal count make it robust to a few bright pixels.
+        ``a + b I + c I^2`` of the predicted intensity `I`, with a, b, c >= 0: additive, shot and multiplicative noise,
+        read off second differences of the residuals along the rows, in which a misfit, as far as it is smooth, cancels;
+        by bins of equal count, so that a few bright pixels do not decide. To this comes the noise of the fit's own
+        samples, pixel by pixel, since it is largest in few: those on the edge of a shadow. It is the difference of the
+        halves, which says nothing of their mean.
         """
         mean = 0.5 * (residuals[0] + residuals[1])
-        predicted, square = np.maximum(self.target + mean, 0.0), mean**2
-        order = np.argsort(predicted, kind="stable")
-        groups = [g for g in np.array_split(order, NOISE_BINS) if len(g)]
-        intensity = np.array([predicted[g].mean() for g in groups]) / self.scale
-        power = np.array([predicted[g] @ predicted[g] / len(g) for g in groups]) / self.scale**2
-        variance = np.array([square[g].mean() for g in groups]) / self.scale**2
+        predicted = np.maximum(self.target + mean, 0.0)
+        left, right = self.beside(1)
+        middle, after = self.beside(1, right)
+        before, here = left[middle], right[middle]
+        square = (mean[here] - 0.5 * (mean[before] + mean[after])) ** 2 / 1.5
+        if len(here) < ENOUGH_PIXELS:
+            here, square = np.arange(len(mean)), mean**2
+        bright = predicted[here] / self.scale
+        groups = [g for g in np.array_split(np.argsort(bright, kind="stable"), NOISE_BINS) if len(g)]
         floor = ROUNDING**2
-        variance = np.maximum(variance, floor)
-        basis = np.stack([np.ones_like(intensity), intensity, power], axis=1)
+        variance = np.array([max(square[g].mean() / self.scale**2, floor) for g in groups])
+        basis = np.array([[1.0, bright[g].mean(), np.mean(bright[g] ** 2)] for g in groups])
         a, b, c = nnls(basis / variance[:, None], np.ones(len(groups)))[0]
         t = predicted / self.scale
-        return self.scale**2 * np.maximum(a + b * t + c * t * t, floor)
+        return self.scale**2 * np.maximum(a + b * t + c * t * t, floor) + self.sampling(residuals)
+
+    def sampling(self, residuals: tuple[Array, Array]) -> Array:
+        """Variance that the fit's own samples give the mean of the halves: one a pixel, for all three channels."""
+        square = 0.25 * (residuals[0] - residuals[1]) ** 2
+        out, start = np.empty_like(square), 0
+        for picture in self.pictures:
+            end = start + 3 * len(picture.pixels)
+            out[start:end] = np.tile(square[start:end].reshape(3, -1).mean(axis=0), 3)
+            start = end
+        return out
+
+    def explains(self, residuals: tuple[Array, Array], variance: Array) -> bool:
+        """Whether the residuals are noise: those a few pixels apart do not err alike."""
+        z = 0.5 * (residuals[0] + residuals[1]) / np.sqrt(variance)
+        i, j = self.beside(APART)
+        if len(i) < ENOUGH_PIXELS:
+            return True
+        shared = z[i] * z[j]
+        return bool(shared.mean() < max(MISFIT, SIGNIFICANT * shared.std() / np.sqrt(len(i))))
+
+    def beside(self, lag: int, of: Index | None = None) -> tuple[Index, Index]:
+        """Pairs of residuals of the same channel `lag` pixels apart in a row: positions, and indices of both.
+
+        The second of a pair is to the right of the first. With `of`, the firsts are sought among these residuals alone,
+        and given as positions in `of`.
+        """
+        width = self.widths[self.view]
+        column = self.pixel % width
+        key = ((self.view << 40) + self.pixel) * 3 + self.channel
+        order = np.argsort(key)
+        first = np.arange(len(key)) if of is None else of
+        wanted = key[first] + 3 * lag
+        at = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+        found = (key[order][at] == wanted) & (column[first] + lag < width[first])
+        return np.flatnonzero(found) if of is not None else first[found], order[at[found]]

@@ -29,6 +29,7 @@ def about(
     at_bound: Sequence[bool],
     values: Array,
     rms: float,
+    misfit: bool,
 ) -> list[str]:
     """All remarks that hold, the gravest first."""
     names, correlation = parameters.components, uncertainty.confusion
@@ -40,14 +41,12 @@ def about(
             out.append(
                 f"{name} is not determined: some combination of the parameters changes no pixel. Fix one of them."
             )
-    for i in range(len(names)):
-        for j in range(i):
-            if abs(correlation[i, j]) > INSEPARABLE:
-                way = "rise together" if correlation[i, j] > 0 else "make up for each other"
-                out.append(
-                    f"{names[j]} and {names[i]} can hardly be told apart: they {way} "
-                    f"(correlation {correlation[i, j]:.3f}). Fix one, or add a picture with light or view near grazing."
-                )
+    for first, second, strongest in pairs(parameters, correlation):
+        way = "rise together" if strongest > 0 else "make up for each other"
+        out.append(
+            f"{first} and {second} can hardly be told apart: they {way} (correlation {strongest:.3f}). "
+            "Fix one, or add a picture with other angles of light and view."
+        )
     for i, (name, p) in enumerate(zip(names, parameters.params, strict=True)):
         if at_bound[i] and uncertainty.effect[i]:
             end = "lower" if abs(values[i] - p.bounds[0]) < abs(values[i] - p.bounds[1]) else "upper"
@@ -58,15 +57,32 @@ def about(
             base = values[i] - 1 if p.scale == "log_minus_one" else values[i]
             if sd[i] > UNDETERMINED * base:
                 out.append(f"{name} is hardly determined: its standard deviation is {100 * sd[i] / base:.0f} % of it.")
-    if uncertainty.correlation_at_4 > NOT_NOISE:
+    if misfit or uncertainty.correlation_at_4 > NOT_NOISE:
         out.append(
             f"The residual ({100 * rms:.2g} % of the picture) is not noise: pixels err alike (correlation "
-            f"{uncertainty.correlation_at_4:.2f} four pixels apart). The model does not explain the picture fully, and the "
-            "error bars do not include that."
+            f"{uncertainty.correlation_at_4:.2f} four pixels apart). The model does not explain the picture fully, "
+            "and the error bars do not include that."
         )
     if uncertainty.sampling_share > OWN_NOISE:
         out.append(
-            f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: more "
-            "samples (--spp) would narrow the error bars."
+            f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: "
+            "more samples (--spp) would narrow the error bars."
         )
+    return out
+
+
+def pairs(parameters: Parameters, correlation: Array) -> list[tuple[str, str, float]]:
+    """Pairs of parameters that cannot be told apart, with the strongest correlation between their components.
+
+    The components of one colour are not compared: they rise and fall together with whatever is common to them.
+    """
+    owner = np.repeat(np.arange(len(parameters.free)), [f.size for f in parameters.free])
+    out = []
+    for j in range(len(parameters.free)):
+        for i in range(j):
+            block = correlation[np.ix_(owner == i, owner == j)]
+            if np.isfinite(block).any():
+                strongest = float(block.flat[np.nanargmax(np.abs(block))])
+                if abs(strongest) > INSEPARABLE:
+                    out.append((parameters.free[i].name, parameters.free[j].name, strongest))
     return out

@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from brdf import UsageError, llvm
+from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
 from . import finish, starts, uncertainty
@@ -42,6 +42,8 @@ MOST_SAMPLES = 8_000_000
 SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
 #: Grid points where each is a rendering.
 SEARCH_RENDERINGS = 60
+#: Seeds are below this: Mitsuba takes 32 bits, and each view adds its number.
+SEEDS = 2**31
 #: Iterations allowed, by solver.
 ITERATIONS = {"lm": 50, "lbfgs": 200, "adam": 300, "gd": 1000}
 #: Levels end when the last made no parameter move by more than this many standard deviations ...
@@ -71,6 +73,7 @@ class Run:
     problem: Problem | None = None
     levels: list[int] = field(default_factory=list)
     moved: Array | None = None
+    misfit: bool = False
     result: Result | None = None
     pressed: Callable[[], bool] = lambda: False
 
@@ -117,9 +120,20 @@ class Run:
         self.x = self.result.x
 
     def reweigh(self) -> None:
-        """Weigh each residual by the inverse of its variance, as the residuals show it."""
+        """Weigh each residual by the inverse of its noise, unless there is more than noise in them.
+
+        Where the model cannot explain the picture, pixels count alike, here and from here on: the answer is then that
+        of least mean square error. By their noise, the bright ones would count least, and a highlight of another shape
+        than the model's would be given up.
+        """
         assert self.problem is not None and self.x is not None
-        self.problem.weigh(1.0 / self.problem.noise(self.problem.residuals(self.x)))
+        residuals = self.problem.residuals(self.x)
+        variance = self.problem.noise(residuals)
+        self.misfit = self.misfit or not self.problem.explains(residuals, variance)
+        if self.misfit:
+            self.problem.weigh_equally()
+        else:
+            self.problem.weigh(1.0 / variance)
 
 
 def fit(
@@ -182,9 +196,13 @@ def fit(
         raise UsageError(f"spp = {spp}: at least 2 samples a pixel are needed, one in each half.")
     if max_iterations is not None and max_iterations < 1:
         raise UsageError(f"max_iterations = {max_iterations}: at least 1 is needed.")
+    if not 0 <= seed < SEEDS:
+        raise UsageError(f"seed = {seed}: expected a whole number from 0 to {SEEDS - 1}.")
     if mi.variant() is None or not mi.variant().endswith("ad_rgb"):
         mi.set_variant(VARIANT)
     loaded = scene if isinstance(scene, scenes.Scene) else scenes.load(scene, **(defaults or {}))
+    if not loaded.scene.emitters():
+        raise DataError(f"{loaded.path}: the scene has no light. Add an <emitter>.")
     wanted = dict(parameters) if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
     free = resolve(loaded, wanted)
     views = prepare(loaded, targets, masks or {}, free)
@@ -213,25 +231,26 @@ def fit(
             if not run.history:
                 raise
             interrupted = True
-    settings = {
-        "scene": os.fspath(loaded.path),
-        "targets": {v.name: v.path for v in views},
-        "masks": {
-            name: os.fspath(m) if isinstance(m, str | os.PathLike) else "(array)" for name, m in (masks or {}).items()
-        },
-        "parameters": {f.name: None if f.start is None else f.start.tolist() for f in free},
-        "solver": solver,
-        "max_iterations": run.max_iterations,
-        "spp": spp,
-        "samples": [2 * n for n in run.levels],
-        "seed": seed,
-        "asked_method": method,
-        "method": run.method,
-        "why": why,
-        "defaults": {name: str(value) for name, value in (defaults or {}).items()},
-        "variant": mi.variant(),
-    }
-    return finish.solution(run, settings, interrupted)
+        settings = {
+            "scene": os.fspath(loaded.path),
+            "targets": {v.name: v.path for v in views},
+            "masks": {
+                name: os.fspath(m) if isinstance(m, str | os.PathLike) else "(array)"
+                for name, m in (masks or {}).items()
+            },
+            "parameters": {f.name: None if f.start is None else f.start.tolist() for f in free},
+            "solver": solver,
+            "max_iterations": run.max_iterations,
+            "spp": spp,
+            "samples": [2 * n for n in run.levels],
+            "seed": seed,
+            "asked_method": method,
+            "method": run.method,
+            "why": why,
+            "defaults": {name: str(value) for name, value in (defaults or {}).items()},
+            "variant": mi.variant(),
+        }
+        return finish.solution(run, settings, interrupted)
 
 
 @contextmanager

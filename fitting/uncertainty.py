@@ -18,6 +18,8 @@ LEVEL = 0.95
 BLOCK_SIDES, BLOCKS_ENOUGH = (8, 4, 2, 1), 40
 #: Change of a pixel, against the rms of the picture, below which a parameter has no effect (float32 rounding).
 NO_EFFECT = 1e-6
+#: Pairs of pixels below which no correlation is given.
+ENOUGH_PAIRS = 10
 #: Eigenvalues of the scaled normal matrix below this fraction of the largest: directions no pixel determines.
 SINGULAR = 1e-10
 
@@ -115,13 +117,9 @@ def blocks_of(problem: Problem) -> npt.NDArray[np.int64]:
     return labels
 
 
-def far(problem: Problem, residual: Array, lag: int = 4) -> float:
-    """Correlation of residuals of the same channel `lag` pixels apart in a row."""
-    key = ((problem.view << 40) + problem.pixel) * 3 + problem.channel
-    order = np.argsort(key)
-    key, value = key[order], residual[order]
-    at = np.searchsorted(key, key + 3 * lag)
-    found = (at < len(key)) & (key[np.minimum(at, len(key) - 1)] == key + 3 * lag)
-    if found.sum() < 10:
+def far(problem: Problem, residual: Array) -> float:
+    """Correlation of residuals of the same channel four pixels apart in a row."""
+    i, j = problem.beside(4)
+    if len(i) < ENOUGH_PAIRS:
         return 0.0
-    return float(np.mean(value[found] * value[at[found]]) / max(np.mean(value**2), 1e-300))
+    return float(np.mean(residual[i] * residual[j]) / max(np.mean(residual**2), 1e-300))

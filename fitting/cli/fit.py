@@ -67,7 +67,7 @@ def command(
     from .. import output
     from ..run import fit as run
 
-    output.ready(out)
+    output.ready(out, [scene, *targets.values(), *masks.values()])
     solution = run(
         scene,
         targets,

@@ -17,8 +17,8 @@ ADAM_LAST = 1e-3
 #: Sufficient decrease of a line search (Nocedal and Wright, sec. 3.1), and the change of the step.
 ARMIJO, GD_SHRINK, GD_GROW = 1e-4, 0.5, 2.0
 GD_LONGEST, GD_SMALLEST = 0.5, 1e-9
-#: Descent has arrived when in `GD_PATIENCE` iterations the sum of squares falls by less than this fraction of one residual's
-#: variance: a parameter is then within some 0.03 standard deviations.
+#: Descent has arrived when in `GD_PATIENCE` iterations the sum of squares falls by less than this fraction of one
+#: residual's variance: a parameter is then within some 0.03 standard deviations.
 GD_ENOUGH, GD_PATIENCE = 1e-3, 10
 
 
@@ -35,11 +35,11 @@ def adam(problem: Problem, start: Array, max_iterations: int, progress: Progress
         rate = ADAM_RATE * (ADAM_LAST + (1 - ADAM_LAST) * 0.5 * (1 + np.cos(np.pi * i / max_iterations)))
         x = np.clip(x - rate * unit, problem.parameters.low, problem.parameters.high)
     progress(max_iterations, problem.loss(x), x)
-    return Result(x, max_iterations, True, f"it ran its {max_iterations} iterations")
+    return Result(x, max_iterations, True, "its schedule of steps has run out")
 
 
 def gd(problem: Problem, start: Array, max_iterations: int, progress: Progress) -> Result:
-    """Steepest descent with a backtracking line search, each begun at the step length of Barzilai and Borwein (1988)."""
+    """Steepest descent: a backtracking line search, begun at the step length of Barzilai and Borwein (1988)."""
     low, high = problem.parameters.low, problem.parameters.high
     x = start.copy()
     loss, g = problem.descend(x)

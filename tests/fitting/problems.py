@@ -38,9 +38,7 @@ def problem(
             pixels = np.concatenate([where for _, where in view.groups])
             entries, integrator = parameters.together(), scene.scene.integrator()
             pictures.append(
-                RenderedPicture(
-                    scene.scene, view.sensor, integrator, entries, pixels, samples, seed + number, halves
-                )
+                RenderedPicture(scene.scene, view.sensor, integrator, entries, pixels, samples, seed + number, halves)
             )
     out = Problem(parameters, pictures, [view.target for view in views])
     out.scene = scene  # type: ignore[attr-defined]  (kept alive)
@@ -50,3 +48,9 @@ def problem(
 def grey(width: int, height: int | None = None) -> np.ndarray:
     """A target that is the same everywhere: for what does not depend on it."""
     return np.full((height or width, width, 3), 0.25, dtype=np.float32)
+
+
+def here(p: Problem) -> np.ndarray:
+    """The values that the scene was loaded with."""
+    values = [np.asarray(f.entry[f.key], dtype=float).ravel() for f in p.parameters.free]
+    return p.parameters.free_of(np.concatenate(values))

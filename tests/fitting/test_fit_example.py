@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 
 from fitting import examples
 from fitting.cli.app import main
+from tests.fitting import studio
 
 TRUTH = examples.truth()
 #: Relative, as promised in the README.
@@ -17,17 +20,14 @@ M, ETA, ALPHA = 0.005, 0.01, 0.03
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """What `brdf example --json` says."""
-    import contextlib
-    import io
-
-    from tests.fitting import studio
-
+    """What `brdf example` says, and the files it leaves."""
     studio.use()
+    out = tmp_path_factory.mktemp("example")
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
-        code = main(["example", "--out", str(tmp_path_factory.mktemp("example")), "--json"])
-    return {"code": code, **json.loads(said.getvalue())}
+        code = main(["example", "--out", str(out)])
+    found = {path.parent.name: json.loads(path.read_text()) for path in out.glob("*/fit.json")}
+    return {"code": code, "text": said.getvalue(), **found}
 
 
 def test_the_command_succeeds(results: dict) -> None:
@@ -52,24 +52,30 @@ def test_base_colour_of_the_sphere(results: dict) -> None:
 
 
 def test_aluminium_by_mitsubas_roughconductor(results: dict) -> None:
-    """Our model with Smith's masking finds its alpha; V-cavities fit worse and are worse, and both say so."""
+    """Our model with the masking of its plugin finds its alpha, and explains more than with V-cavities."""
     alpha = TRUTH["aluminium"]["metal.alpha"]
     smith, vcavity, own = (results[f"aluminium-{kind}"] for kind in ("smith", "vcavity", "conductor"))
     assert abs(smith["parameters"]["metal.m"]["value"] / alpha - 1) < ALPHA
     assert abs(own["parameters"]["metal.alpha"]["value"] / alpha - 1) < M
-    assert own["rms"] <= smith["rms"] < 0.8 * vcavity["rms"]
-    misfit = [any("is not noise" in remark for remark in r["remarks"]) for r in (own, smith, vcavity)]
-    assert misfit == [False, misfit[1], True]
+    # What the residual has beyond the noise, which the model that made the picture shows alone.
+    beyond = [(r["rms"] ** 2 - own["rms"] ** 2) ** 0.5 for r in (smith, vcavity)]
+    print(
+        f"alpha {alpha}: {smith['parameters']['metal.m']['value']:.5f}, {vcavity['parameters']['metal.m']['value']:.5f}"
+    )
+    print(f"residual beyond the noise: {beyond[0]:.5f} (Smith), {beyond[1]:.5f} (V-cavities)")
+    assert beyond[0] < 0.85 * beyond[1]
+    assert not any("is not noise" in remark for remark in own["remarks"])
 
 
-def test_its_text_says_which_model_fits(results: dict) -> None:
-    """The text that people read says the same; see `test_cli_fit` for the command that writes it."""
-    from fitting.cli import example
-
-    assert results["aluminium-smith"]["rms"] < results["aluminium-vcavity"]["rms"]
-    assert [case.model for case in example.CASES if case.name == "aluminium-smith"] == [
-        "cooktorrance, constant F, Smith G"
-    ]
+def test_its_text_gives_truth_and_estimate(results: dict) -> None:
+    said = results["text"]
+    for name in ("ball.m", "ball.eta"):
+        value = results["sphere"]["parameters"][name]["value"]
+        assert f"{name}: truth {TRUTH['sphere'][name]:g}, estimate {value:.5g}" in said
+    assert said.count("inside the interval") == 2
+    for kind in ("smith", "vcavity"):
+        assert f"{results[f'aluminium-{kind}']['parameters']['metal.m']['value']:.5f}" in said
+    assert "Of our models cooktorrance, constant F, Smith G fits it best." in said
 
 
 @pytest.mark.parametrize("solver", ["lbfgs", "gd", pytest.param("adam", marks=pytest.mark.slow)])

@@ -12,7 +12,7 @@ import pytest
 from fitting.problem import Problem
 from fitting.solvers import methods
 from tests.fitting import studio
-from tests.fitting.problems import grey, problem
+from tests.fitting.problems import grey, here, problem
 
 #: In the coordinates `x`: differences then err by 1e-4 of the third derivative, and by 1e-5 from float32.
 STEP = 0.02
@@ -82,14 +82,6 @@ def scene(folder: Path, name: str, size: int = 32) -> Path:
     return studio.write(folder, MATERIALS[name][0], studio.SPHERE, studio.camera(size), studio.KEY, studio.RIM)
 
 
-def here(p: Problem) -> np.ndarray:
-    """The values that the scene was loaded with."""
-    values = []
-    for f in p.parameters.free:
-        values += [float(v) for v in np.asarray(f.entry[f.key]).ravel()]
-    return p.parameters.free_of(np.array(values))
-
-
 def differences(p: Problem, x: np.ndarray, step: float = STEP) -> tuple[np.ndarray, np.ndarray]:
     """Jacobians of both halves by central differences, to fourth order."""
     columns: list[list[np.ndarray]] = [[], []]
@@ -156,7 +148,8 @@ def test_residuals_are_ordered_as_documented(tmp_path: Path) -> None:
     path = studio.write(tmp_path, MATERIALS["diffuse"][0], studio.SPHERE, cameras, studio.KEY)
     rng = np.random.default_rng(0)
     targets = {
-        name: rng.uniform(0.1, 1, shape).astype(np.float32) for name, shape in {"a": (24, 40, 3), "b": (32, 32, 3)}.items()
+        name: rng.uniform(0.1, 1, shape).astype(np.float32)
+        for name, shape in {"a": (24, 40, 3), "b": (32, 32, 3)}.items()
     }
     p = problem(path, ["ball.reflectance"], targets)
     assert list(p.widths) == [40, 32]
@@ -173,7 +166,9 @@ def test_residuals_are_ordered_as_documented(tmp_path: Path) -> None:
 
 
 def test_columns_can_be_picked(tmp_path: Path) -> None:
-    p = problem(scene(tmp_path, "cooktorrance"), ["ball.m", "ball.eta", "ball.diffuse_reflectance"], {"camera": grey(32)})
+    p = problem(
+        scene(tmp_path, "cooktorrance"), ["ball.m", "ball.eta", "ball.diffuse_reflectance"], {"camera": grey(32)}
+    )
     x = here(p)
     whole, part = p.linearize(x), p.linearize(x, [1, 3])
     for a, b in zip(whole.jacobian, part.jacobian, strict=True):
@@ -189,7 +184,9 @@ def test_halves_are_independent_and_agree(tmp_path: Path) -> None:
         ra, rb = p.residuals(here(p))
         difference = ra - rb
         assert np.abs(difference).max() > 0
-        assert abs(difference.mean()) < 4 * difference.std() / np.sqrt(len(difference) / 3)  # three channels, one sample
+        assert abs(difference.mean()) < 4 * difference.std() / np.sqrt(
+            len(difference) / 3
+        )  # three channels, one sample
         spread.append(difference.std())
     # Kronecker points do better than the factor 4 of random ones.
     assert spread[1] < spread[0] / 3

@@ -1,4 +1,4 @@
-"""Minnaert's reflection: a powder or a velvet, darker towards its edge than an ideal diffuser."""
+"""Minnaert's reflection: rough stone or powder, darker towards its edge than an ideal diffuser."""
 
 import drjit as dr
 
@@ -9,7 +9,7 @@ class Minnaert(Model):
     """``f = reflectance (exponent + 1) / (2 pi) (cos_i cos_o)^(exponent - 1)``."""
 
     name = "minnaert"
-    summary = "diffuse reflection that darkens towards grazing: velvet, powder, the limb of the Moon"
+    summary = "diffuse reflection that darkens towards grazing: powder and rough stone"
     source = ("M. Minnaert, The reciprocity principle in lunar photometry, Astrophysical Journal 93 (1941) 403-410",)
     params = (
         colour("reflectance", 0.5, "albedo at normal incidence"),

@@ -1,0 +1,151 @@
+"""Two ways to predict a picture, one answer: cached hit points against Mitsuba's integrator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import fitting
+from fitting import images
+from tests.fitting import studio
+from tests.fitting.problems import grey, here, problem
+from tests.fitting.studio import BALL, KEY, RIM, SPHERE, SUN, camera
+
+DIRECT = '<integrator type="direct"/>'
+SPOT = """<emitter type="spot"> <transform name="to_world"><lookat origin="1,2,4" target="0,0.2,0" up="0,1,0"/></transform>
+  <rgb name="intensity" value="30"/> <float name="cutoff_angle" value="9"/> </emitter>"""
+FLOOR = """<bsdf type="lambertian" id="floor"><rgb name="reflectance" value="0.3,0.5,0.4"/></bsdf>
+  <shape type="rectangle"> <transform name="to_world"> <scale value="4"/> <rotate x="1" angle="-90"/> <translate y="-1"/>
+  </transform> <ref id="floor"/> </shape>"""
+WALL = """<bsdf type="diffuse" id="wall"><rgb name="reflectance" value="0.8"/></bsdf>
+  <shape type="rectangle"><transform name="to_world"><scale value="4"/><translate z="-2"/></transform><ref id="wall"/></shape>"""
+CARD = '<shape type="rectangle" id="card"> <transform name="to_world"><scale value="2"/></transform> <ref id="ball"/> </shape>'
+CUBE = """<shape type="cube"> <transform name="to_world"> <scale value="0.6"/> <rotate x="1" angle="35"/> <rotate y="1"
+  angle="40"/> </transform> <ref id="ball"/> </shape>"""
+
+
+def nested(wrapper: str, before: str = "", after: str = "") -> str:
+    """The ball's material inside another BSDF, on the sphere."""
+    inner = BALL.replace("<bsdf", "<bsdf", 1)
+    return f'<shape type="sphere"><bsdf type="{wrapper}">{before}{inner}{after}</bsdf></shape>'
+
+
+TEXTURED = """<bsdf type="cooktorrance" id="ball"> <float name="m" value="0.3"/> <float name="eta" value="1.5"/>
+    <texture type="checkerboard" name="diffuse_reflectance"> <rgb name="color0" value="0.1,0.2,0.3"/> <rgb name="color1"
+    value="0.6,0.4,0.2"/> <transform name="to_uv"><scale x="7" y="5"/></transform> </texture> </bsdf>"""
+BUMPS = """<texture type="checkerboard" name="nested_texture"> <float name="color0" value="0"/> <float name="color1"
+    value="0.05"/> <transform name="to_uv"><scale x="9" y="9"/></transform> </texture>"""
+
+LENS = {
+    "kind": "thinlens",
+    "more": '<float name="aperture_radius" value="0.15"/><float name="focus_distance" value="3.4"/>',
+}
+CROP = "".join(
+    f'<integer name="crop_{name}" value="{value}"/>'
+    for name, value in {"offset_x": 17, "offset_y": 6, "width": 28, "height": 22}.items()
+)
+
+SCENES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "point and direction": ((BALL, SPHERE, camera(32), KEY, SUN), ("ball.m", "ball.eta")),
+    "not square": ((BALL, SPHERE, camera((44, 26)), KEY), ("ball.m", "ball.diffuse_reflectance")),
+    "crop off the centre": ((BALL, SPHERE, camera((56, 40), film=CROP), KEY), ("ball.m",)),
+    "object across the border of the film": ((BALL, CARD, camera(28, "mitchell"), KEY), ("ball.m", "ball.eta")),
+    "thin lens": ((BALL, SPHERE, camera(32, **LENS), KEY), ("ball.m",)),
+    "thin lens, bright background": ((BALL, SPHERE, WALL, camera(32, **LENS), KEY), ("ball.m",)),
+    "spot": ((BALL, SPHERE, camera(32), SPOT), ("ball.m", "ball.diffuse_reflectance")),
+    "texture": ((TEXTURED, SPHERE, camera(32), KEY), ("ball.m", "ball.eta")),
+    "bump map": ((nested("bumpmap", BUMPS), camera(32), KEY), ("ball.m", "ball.diffuse_reflectance")),
+    "twosided": ((nested("twosided"), camera(32), KEY, RIM), ("ball.m", "ball.eta")),
+    "two materials, shadow": ((BALL, SPHERE, FLOOR, camera((40, 32)), KEY, SUN), ("ball.m", "floor.reflectance")),
+    "mesh of many faces": ((BALL, CUBE, camera(40), KEY, SUN), ("ball.m",)),
+    "two views": (
+        (BALL, SPHERE, camera(28, name="a"), camera((30, 20), "tent", name="b", origin="3,1,2"), KEY),
+        ("ball.m", "ball.eta"),
+    ),
+}
+
+
+def compare(path: Path, names: list[str], targets: dict[str, np.ndarray], seeds: int = 16, samples: int = 32) -> None:
+    """Pictures and Jacobians of both methods, in the mean of many projections, within the noise of the rendered ones.
+
+    A pixel's noise is that of its neighbours, through the filter: so the noise is taken from the seeds.
+    """
+    exact = problem(path, names, targets, 128)
+    x = here(exact)
+    columns = [
+        exact.parameters.components.index(n)
+        for n in (name if name in exact.parameters.components else f"{name}.g" for name in names)
+    ]
+    e = exact.linearize(x, columns)
+    mean = np.column_stack([exact.target + 0.5 * (e.r[0] + e.r[1]), 0.5 * (e.jacobian[0] + e.jacobian[1])])
+    spread = np.column_stack([0.5 * (e.r[0] - e.r[1]), 0.5 * (e.jacobian[0] - e.jacobian[1])])
+    order = np.lexsort([exact.channel, exact.pixel, exact.view])
+    mean, spread = mean[order], spread[order]
+
+    p = problem(path, names, targets, samples, "rendered", halves=1)
+    np.testing.assert_array_equal(np.sort(p.pixel), np.sort(exact.pixel))
+    order = np.lexsort([p.channel, p.pixel, p.view])
+    rendered = []
+    for seed in range(seeds):
+        for number, picture in enumerate(p.pictures):
+            picture.seeds = [dr.opaque(mi.UInt32, 10_000 * number + 100 * seed + k) for k in range(4)]  # type: ignore
+        one = p.linearize(x, columns)
+        rendered.append(np.column_stack([p.target + one.r[0], one.jacobian[0]])[order])
+
+    # Projections: onto the picture and its derivatives themselves, and onto random patterns of blocks of neighbours.
+    rng = np.random.default_rng(0)
+    patterns = np.repeat(rng.standard_normal((len(mean) // 12 + 1, 40)), 12, axis=0)[: len(mean)]
+    for column in range(mean.shape[1]):
+        onto = np.column_stack([mean, np.abs(mean[:, column]), patterns * np.abs(mean[:, [column]])])
+        size = np.abs(mean[:, column]) @ np.abs(onto)
+        onto, size = onto[:, size > 0], size[size > 0]  # a red reflectance does nothing to green
+        each = np.array([r[:, column] @ onto for r in rendered])
+        expected = mean[:, column] @ onto
+        own = np.sqrt(spread[:, column] ** 2 @ onto**2)
+        se = np.hypot(each.std(axis=0, ddof=1) / np.sqrt(seeds), own)
+        t = (each.mean(axis=0) - expected) / se
+        assert np.abs(t).max() < 6, (column, t)  # Student's t of 15 degrees of freedom: 3e-5 each
+        assert np.all(se < 0.02 * size), (column, se / size)  # a difference of a few percent would show
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_pictures_and_jacobians_agree(name: str, tmp_path: Path) -> None:
+    parts, names = SCENES[name]
+    path = studio.write(tmp_path, *parts, integrator=DIRECT)
+    scene = mi.load_file(str(path))
+    targets = {s.id(): grey(*(int(v) for v in s.film().crop_size())) for s in scene.sensors()}
+    compare(path, list(names), targets)
+
+
+def test_normal_map(tmp_path: Path) -> None:
+    """Bumps from a picture, with file names that lead from the scene's folder."""
+    y, x = np.mgrid[0:16, 0:16] / 16
+    slope = 0.4 * np.stack([np.sin(2 * np.pi * 3 * x), np.cos(2 * np.pi * 2 * y), np.full_like(x, 2.5)], axis=-1)
+    normals = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
+    images.write(tmp_path / "normals.exr", 0.5 + 0.5 * normals)
+    texture = '<texture type="bitmap" name="normalmap"><string name="filename" value="normals.exr"/><boolean name="raw" value="true"/></texture>'
+    path = studio.write(tmp_path, nested("normalmap", texture), camera(32), KEY, integrator=DIRECT)
+    compare(path, ["ball.m", "ball.diffuse_reflectance"], {"camera": grey(32)})
+
+
+def test_fits_agree(tmp_path: Path) -> None:
+    """Either way the same picture gives the same parameters, within the error bars, and these are alike."""
+    path = studio.standard(tmp_path, 40)
+    picture = studio.noisy(studio.picture(path, 512, 4, m=0.25, eta=1.6, base="0.3,0.1,0.05"), 0.02, 3, floor=0.01)
+    names = ["ball.m", "ball.eta", "ball.diffuse_reflectance"]
+    exact, rendered = (fitting.fit(path, {"camera": picture}, names, method=m) for m in ("exact", "rendered"))
+    assert (exact.settings["method"], rendered.settings["method"]) == ("exact", "rendered")
+    assert exact.converged
+    assert rendered.converged, rendered.status
+    truth = {"ball.m": [0.25], "ball.eta": [1.6], "ball.diffuse_reflectance": [0.3, 0.1, 0.05]}
+    for name in names:
+        a, b = exact.parameters[name], rendered.parameters[name]
+        assert np.all(np.abs(a.value - b.value) < 4 * np.hypot(a.sd, b.sd)), name
+        for found in (a, b):
+            assert np.all(np.abs(found.value - truth[name]) < 4 * found.sd), name
+        assert np.all(b.sd < 2 * a.sd), name
+        assert np.all(a.sd < 1.5 * b.sd), name
