@@ -60,6 +60,8 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     rms = rms_of(mean, problem.target)
     said = remarks.about(parameters, found, sd, at_bound, values, rms, run.misfit)
     said += [text for view in run.views for text in view.remarks]
+    variance = problem.noise(linear.r) + problem.sampling(linear.r)
+    misfit, _ = problem.misfit(linear.r, variance)
     converged, status = verdict(run, linear, found, sd, interrupted)
     parameters.place(x)
     seconds = time.perf_counter() - run.began
@@ -95,6 +97,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
         checks={name: MaterialCheck(*check(bsdf)) for name, bsdf in materials.items()},
         settings=settings,
         versions=versions(),
+        misfit=misfit,
     )
 
 

@@ -67,7 +67,8 @@ def write(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
     for name, params in values.items():
         path = folder / ("material.xml" if len(values) == 1 else f"material-{safe(name)}.xml")
         comment = (
-            f"{name}: fitted by brdf-fitting {solution.versions['brdf-fitting']}. Error bars and settings: fit.json"
+            f"{name}: fitted by brdf-fitting {solution.versions['brdf-fitting']}. Error bars and settings: fit.json. "
+            "For a scene to <include>; to paste it into one, leave out its version."
         )
         xmlfile.material(scene, name, params, path, comment, **defaults)
         written.append(path)

@@ -28,6 +28,8 @@ ROUNDING = 1e-6
 #: Residuals this far apart [pixels] share no noise, not even through a reconstruction filter. If they share more than
 #: this fraction of its variance, and more than so many standard errors, that is misfit. Fewer pairs tell nothing.
 APART, MISFIT, SIGNIFICANT, ENOUGH_PIXELS = 3, 0.05, 5.0, 200
+#: However noisy the fit's own samples are, the target's noise is taken as at least this fraction of the residual's.
+LEAST = 0.1
 #: Bins of predicted intensity in which the variance of the residuals is measured.
 NOISE_BINS = 24
 
@@ -179,33 +181,38 @@ class Problem:
         return out
 
     def noise(self, residuals: tuple[Array, Array]) -> Array:
-        """Variance of the noise in each residual.
+        """Variance of the target's noise in each residual.
 
         ``a + b I + c I^2`` of the predicted intensity `I`, with a, b, c >= 0: additive, shot and multiplicative noise,
         read off second differences of the residuals along the rows, in which a misfit, as far as it is smooth, cancels;
-        by bins of equal count, so that a few bright pixels do not decide. To this comes the noise of the fit's own
-        samples, pixel by pixel, since it is largest in few: those on the edge of a shadow. It is the difference of the
-        halves, which says nothing of their mean.
+        by bins of equal count, so that a few bright pixels do not decide. What the fit's own samples add is subtracted.
         """
         mean = 0.5 * (residuals[0] + residuals[1])
         predicted = np.maximum(self.target + mean, 0.0)
         left, right = self.beside(1)
         middle, after = self.beside(1, right)
         before, here = left[middle], right[middle]
+        own = self.sampling(residuals)
         square = (mean[here] - 0.5 * (mean[before] + mean[after])) ** 2 / 1.5
+        own = (own[here] + 0.25 * (own[before] + own[after])) / 1.5
         if len(here) < ENOUGH_PIXELS:
-            here, square = np.arange(len(mean)), mean**2
+            here, square, own = np.arange(len(mean)), mean**2, self.sampling(residuals)
         bright = predicted[here] / self.scale
         groups = [g for g in np.array_split(np.argsort(bright, kind="stable"), NOISE_BINS) if len(g)]
         floor = ROUNDING**2
-        variance = np.array([max(square[g].mean() / self.scale**2, floor) for g in groups])
+        total = np.array([square[g].mean() for g in groups]) / self.scale**2
+        mine = np.array([own[g].mean() for g in groups]) / self.scale**2
+        variance = np.maximum(np.maximum(total - mine, LEAST * total), floor)
         basis = np.array([[1.0, bright[g].mean(), np.mean(bright[g] ** 2)] for g in groups])
         a, b, c = nnls(basis / variance[:, None], np.ones(len(groups)))[0]
         t = predicted / self.scale
-        return self.scale**2 * np.maximum(a + b * t + c * t * t, floor) + self.sampling(residuals)
+        return self.scale**2 * np.maximum(a + b * t + c * t * t, floor)
 
     def sampling(self, residuals: tuple[Array, Array]) -> Array:
-        """Variance that the fit's own samples give the mean of the halves: one a pixel, for all three channels."""
+        """Variance that the fit's own samples give the mean of the halves: one a pixel, for all three channels.
+
+        It is largest in few pixels, those on the edge of a shadow and in a sharp highlight.
+        """
         square = 0.25 * (residuals[0] - residuals[1]) ** 2
         out, start = np.empty_like(square), 0
         for picture in self.pictures:
@@ -214,14 +221,18 @@ class Problem:
             start = end
         return out
 
-    def explains(self, residuals: tuple[Array, Array], variance: Array) -> bool:
-        """Whether the residuals are noise: those a few pixels apart do not err alike."""
+    def misfit(self, residuals: tuple[Array, Array], variance: Array) -> tuple[float, bool]:
+        """What the model does not explain, as a fraction of the noise's variance, and whether that is beyond doubt.
+
+        Residuals a few pixels apart have no noise in common; the mean of their product is misfit.
+        """
         z = 0.5 * (residuals[0] + residuals[1]) / np.sqrt(variance)
         i, j = self.beside(APART)
         if len(i) < ENOUGH_PIXELS:
-            return True
+            return 0.0, False
         shared = z[i] * z[j]
-        return bool(shared.mean() < max(MISFIT, SIGNIFICANT * shared.std() / np.sqrt(len(i))))
+        mean = float(shared.mean())
+        return mean, mean > max(MISFIT, SIGNIFICANT * float(shared.std()) / len(i) ** 0.5)
 
     def beside(self, lag: int, of: Index | None = None) -> tuple[Index, Index]:
         """Pairs of residuals of the same channel `lag` pixels apart in a row: positions, and indices of both.

@@ -25,7 +25,7 @@ from .parameters import Parameters, resolve
 from .picture import Picture
 from .picture.exact import ExactPicture
 from .picture.rendered import RenderedPicture
-from .problem import Problem
+from .problem import Linear, Problem
 from .solution import Solution, Step
 from .solvers import Result, Solver, methods
 from .views import Prepared, Target, prepare
@@ -48,9 +48,8 @@ SEEDS = 2**31
 ITERATIONS = {"lm": 50, "lbfgs": 200, "adam": 300, "gd": 1000}
 #: Levels end when the last made no parameter move by more than this many standard deviations ...
 STILL = 0.3
-#: ... and the fit's own noise is less than this share of the residual, or the standard deviations are below this
-#: anyway.
-QUIET, FINE = 0.2, 1e-3
+#: ... and the fit's own noise widens the error bars by less than this fraction, or they are below this anyway.
+QUIET, FINE = 0.1, 1e-3
 
 
 @dataclass
@@ -73,6 +72,7 @@ class Run:
     problem: Problem | None = None
     levels: list[int] = field(default_factory=list)
     moved: Array | None = None
+    noise: Array | None = None
     misfit: bool = False
     result: Result | None = None
     pressed: Callable[[], bool] = lambda: False
@@ -128,8 +128,9 @@ class Run:
         """
         assert self.problem is not None and self.x is not None
         residuals = self.problem.residuals(self.x)
-        variance = self.problem.noise(residuals)
-        self.misfit = self.misfit or not self.problem.explains(residuals, variance)
+        self.noise = self.problem.noise(residuals)
+        variance = self.noise + self.problem.sampling(residuals)
+        self.misfit = self.misfit or self.problem.misfit(residuals, variance)[1]
         if self.misfit:
             self.problem.weigh_equally()
         else:
@@ -332,11 +333,27 @@ def refine(run: Run, spp: int | None) -> None:
         run.solve(f"{2 * samples} samples")
         assert run.problem is not None and run.x is not None and before is not None
         run.moved = run.x - before
-        found = uncertainty.estimate(run.problem, run.problem.linearize(run.x), run.x)
+        linear = run.problem.linearize(run.x)
+        found = uncertainty.estimate(run.problem, linear, run.x)
         sd = np.where(np.isfinite(found.sd), found.sd, np.inf)
         still = bool(np.all(np.abs(run.moved) <= np.maximum(STILL * sd, 1e-6)))
-        if still and (found.sampling_share <= QUIET or bool(np.all(found.sd[np.isfinite(found.sd)] <= FINE))):
+        fine = bool(np.all(found.sd[np.isfinite(found.sd)] <= FINE))
+        if still and (fine or widening(run, linear, found) <= QUIET):
             break
+
+
+def widening(run: Run, linear: Linear, found: uncertainty.Uncertainty) -> float:
+    """By what fraction the fit's own samples widen the error bars, at worst."""
+    assert run.problem is not None and run.noise is not None
+    if run.misfit:
+        return 0.5 * found.sampling_share
+    live = np.flatnonzero(np.isfinite(found.sd))
+    widths = []
+    for weights in (run.problem.weights, 1.0 / run.noise):
+        h = linear.hessian(weights)[np.ix_(live, live)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+        widths.append(scale * np.sqrt(np.maximum(np.diag(np.linalg.pinv(h * np.outer(scale, scale))), 0.0)))
+    return float(np.max(widths[0] / widths[1], initial=1.0)) - 1.0
 
 
 def begin(run: Run, samples: int) -> None:

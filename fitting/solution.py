@@ -156,6 +156,9 @@ class Solution:
         All that is needed to run the fit again: scene, targets, parameters, solver, samples, seed, method ...
     versions : dict
         Versions of Python, brdf-fitting, mitsuba, drjit, numpy, scipy.
+    misfit : float
+        What the model does not explain, as a fraction of the variance of the noise: near 0 (of either sign) where the
+        residual is noise; what to compare models by.
     """
 
     status: str
@@ -176,6 +179,7 @@ class Solution:
     checks: dict[str, MaterialCheck]
     settings: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+    misfit: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the pictures, as plain numbers, lists and strings; NaN becomes None."""
@@ -198,6 +202,7 @@ class Solution:
             "iterations": self.iterations,
             "loss": plain(np.array([self.loss]), True),
             "rms": plain(np.array([self.rms]), True),
+            "misfit": plain(np.array([self.misfit]), True),
             "remarks": list(self.remarks),
             "components": list(self.components),
             "covariance": plain(self.covariance, False),

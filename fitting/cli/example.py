@@ -131,14 +131,12 @@ def text(solutions: dict[str, Solution], truth: dict[str, Any], out: Path) -> st
     ]
     metals = {case.model: solutions[case.name] for case in CASES if case.name.startswith("aluminium")}
     width = max(len(m) for m in metals)
-    lines.append(f"    {'model'.ljust(width)}  roughness  error     residual")
+    lines.append(f"    {'model'.ljust(width)}  roughness  error     misfit, of the noise")
     for model, s in metals.items():
         e = s.parameters.get("metal.m") or s.parameters["metal.alpha"]
         error = 100 * (e.value[0] / alpha - 1)
-        lines.append(
-            f"    {model.ljust(width)}  {e.value[0]:<9.5f}  {error:+.2f} %   {100 * s.rms:.2f} % of the picture"
-        )
+        lines.append(f"    {model.ljust(width)}  {e.value[0]:<9.5f}  {error:+.2f} %   {100 * s.misfit:.1f} %")
     ours = {m: s for m, s in metals.items() if m.startswith("cooktorrance")}
-    best = min(ours, key=lambda m: ours[m].rms)
+    best = min(ours, key=lambda m: ours[m].misfit)
     lines += ["", f"    Of our models {best} fits it best.", "", f"Reports: {out}/*/report.html"]
     return "\n".join(lines)

@@ -73,6 +73,12 @@ def picture(path: Path, spp: int, passes: int = 1, seed: int = 10_000, sensor: i
     return np.mean(images, axis=0)[..., :3]
 
 
+def lamp_by_lamp(folder: Path, parts: tuple[str, ...], lamps: tuple[str, ...], spp: int, **values: object) -> Picture:
+    """The sum of the pictures under each lamp alone: `path` picks one of several at random, which is noise."""
+    scenes = [write(folder, *parts, lamp, name=f"lamp{i}.xml") for i, lamp in enumerate(lamps)]
+    return np.sum([picture(scene, spp, **values) for scene in scenes], axis=0)
+
+
 def use() -> None:
     """The variant of all tests here, and our plugins."""
     mi.set_variant("llvm_ad_rgb")

@@ -28,18 +28,14 @@ CUBE = """<shape type="cube"> <transform name="to_world"> <scale value="0.6"/> <
   angle="40"/> </transform> <ref id="ball"/> </shape>"""
 
 
-def nested(wrapper: str, before: str = "", after: str = "") -> str:
+def nested(wrapper: str, before: str = "") -> str:
     """The ball's material inside another BSDF, on the sphere."""
-    inner = BALL.replace("<bsdf", "<bsdf", 1)
-    return f'<shape type="sphere"><bsdf type="{wrapper}">{before}{inner}{after}</bsdf></shape>'
+    return f'<shape type="sphere"><bsdf type="{wrapper}">{before}{BALL}</bsdf></shape>'
 
 
 TEXTURED = """<bsdf type="cooktorrance" id="ball"> <float name="m" value="0.3"/> <float name="eta" value="1.5"/>
     <texture type="checkerboard" name="diffuse_reflectance"> <rgb name="color0" value="0.1,0.2,0.3"/> <rgb name="color1"
     value="0.6,0.4,0.2"/> <transform name="to_uv"><scale x="7" y="5"/></transform> </texture> </bsdf>"""
-BUMPS = """<texture type="checkerboard" name="nested_texture"> <float name="color0" value="0"/> <float name="color1"
-    value="0.05"/> <transform name="to_uv"><scale x="9" y="9"/></transform> </texture>"""
-
 LENS = {
     "kind": "thinlens",
     "more": '<float name="aperture_radius" value="0.15"/><float name="focus_distance" value="3.4"/>',
@@ -58,7 +54,6 @@ SCENES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "thin lens, bright background": ((BALL, SPHERE, WALL, camera(32, **LENS), KEY), ("ball.m",)),
     "spot": ((BALL, SPHERE, camera(32), SPOT), ("ball.m", "ball.diffuse_reflectance")),
     "texture": ((TEXTURED, SPHERE, camera(32), KEY), ("ball.m", "ball.eta")),
-    "bump map": ((nested("bumpmap", BUMPS), camera(32), KEY), ("ball.m", "ball.diffuse_reflectance")),
     "twosided": ((nested("twosided"), camera(32), KEY, RIM), ("ball.m", "ball.eta")),
     "two materials, shadow": ((BALL, SPHERE, FLOOR, camera((40, 32)), KEY, SUN), ("ball.m", "floor.reflectance")),
     "mesh of many faces": ((BALL, CUBE, camera(40), KEY, SUN), ("ball.m",)),
@@ -121,14 +116,21 @@ def test_pictures_and_jacobians_agree(name: str, tmp_path: Path) -> None:
     compare(path, list(names), targets)
 
 
-def test_normal_map(tmp_path: Path) -> None:
-    """Bumps from a picture, with file names that lead from the scene's folder."""
+@pytest.mark.parametrize("wrapper", ["normalmap", "bumpmap"])
+def test_relief_from_a_picture(wrapper: str, tmp_path: Path) -> None:
+    """A material inside another BSDF; the file's name leads from the scene's folder."""
     y, x = np.mgrid[0:16, 0:16] / 16
-    slope = 0.4 * np.stack([np.sin(2 * np.pi * 3 * x), np.cos(2 * np.pi * 2 * y), np.full_like(x, 2.5)], axis=-1)
-    normals = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-    images.write(tmp_path / "normals.exr", 0.5 + 0.5 * normals)
-    texture = '<texture type="bitmap" name="normalmap"><string name="filename" value="normals.exr"/><boolean name="raw" value="true"/></texture>'
-    path = studio.write(tmp_path, nested("normalmap", texture), camera(32), KEY, integrator=DIRECT)
+    if wrapper == "normalmap":
+        slope = 0.4 * np.stack([np.sin(2 * np.pi * 3 * x), np.cos(2 * np.pi * 2 * y), np.full_like(x, 2.5)], axis=-1)
+        relief, name = 0.5 + 0.5 * slope / np.linalg.norm(slope, axis=-1, keepdims=True), ' name="normalmap"'
+    else:
+        relief, name = 0.1 * (np.sin(2 * np.pi * x) * np.sin(2 * np.pi * y))[..., None].repeat(3, axis=-1), ""
+    images.write(tmp_path / "relief.exr", relief)
+    texture = (
+        f'<texture type="bitmap"{name}><string name="filename" value="relief.exr"/>'
+        '<boolean name="raw" value="true"/></texture>'
+    )
+    path = studio.write(tmp_path, nested(wrapper, texture), camera(32), KEY, integrator=DIRECT)
     compare(path, ["ball.m", "ball.diffuse_reflectance"], {"camera": grey(32)})
 
 

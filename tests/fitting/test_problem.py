@@ -69,10 +69,20 @@ MATERIALS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "principled": (
         ball("principled", DISNEY + number(eta=1.6)),
-        (
-            "base_color roughness eta metallic anisotropic spec_trans spec_tint sheen sheen_tint flatness clearcoat "
-            "clearcoat_gloss"
-        ).split(),
+        [
+            "base_color",
+            "roughness",
+            "eta",
+            "metallic",
+            "anisotropic",
+            "spec_trans",
+            "spec_tint",
+            "sheen",
+            "sheen_tint",
+            "flatness",
+            "clearcoat",
+            "clearcoat_gloss",
+        ],
     ),
     "principled-specular": (ball("principled", DISNEY + number(specular=0.4)), ("specular", "roughness")),
 }
