@@ -31,7 +31,7 @@ AT_BOUND = 1e-4
 #: Another Gauss-Newton step would move a parameter by this many standard deviations, or this much: not converged.
 ARRIVED_SD, ARRIVED = 0.5, 1e-3
 #: Beyond this standard deviation in the coordinate of its scale, an interval is taken symmetric in the value itself.
-LINEAR_ENOUGH = 1.0
+LINEAR_ENOUGH = 0.3
 #: Samples a pixel of the pictures that are kept.
 RENDER_SPP = 256
 #: Angles of incidence shown [degrees], and points of a lobe's curve.
@@ -43,7 +43,8 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     assert run.x is not None and run.problem is not None and run.start is not None
     x, problem, parameters = run.x, run.problem, run.parameters
     linear = problem.linearize(x)
-    found = uncertainty.estimate(problem, linear, x)
+    at_bound = np.array(ends(parameters, x))
+    found = uncertainty.estimate(problem, linear, x, at_bound)
     covariance_x = found.covariance.copy()
     if run.moved is not None:
         # The finer of two sample counts that differ by a factor 4 has a third of their difference left (error ~ 1/n).
@@ -54,8 +55,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(sd, sd)
-    at_bound = ends(parameters, x)
-    low, high = interval(parameters, x, np.sqrt(np.maximum(np.diag(covariance_x), 0.0)), found.quantile)
+    low, high = interval(parameters, x, np.sqrt(np.maximum(np.diag(covariance_x), 0.0)), found.quantile, at_bound)
     mean = 0.5 * (linear.r[0] + linear.r[1])
     rms = rms_of(mean, problem.target)
     said = remarks.about(parameters, found, sd, at_bound, values, rms, run.misfit)
@@ -114,8 +114,13 @@ def ends(parameters: Parameters, x: Array) -> list[bool]:
     return out
 
 
-def interval(parameters: Parameters, x: Array, sd: Array, quantile: float) -> tuple[Array, Array]:
-    """Ends of the 95 % interval, in values: symmetric in `x` where that is a fair coordinate, else in the value."""
+def interval(
+    parameters: Parameters, x: Array, sd: Array, quantile: float, at_bound: npt.NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Ends of the 95 % interval, in values: symmetric in `x` where that is a fair coordinate, else in them.
+
+    What lies at a bound has an interval that ends there.
+    """
     value, slope = parameters.values(x), parameters.slope(x)
     near = sd <= LINEAR_ENOUGH
     reach = np.where(np.isfinite(sd), quantile * sd, np.nan)
@@ -123,6 +128,9 @@ def interval(parameters: Parameters, x: Array, sd: Array, quantile: float) -> tu
     low = np.where(near, low_x, value - reach * slope)
     high = np.where(near, high_x, value + reach * slope)
     bounds = np.array([p.bounds for p in parameters.params])
+    below, above = at_bound & (value - bounds[:, 0] <= bounds[:, 1] - value), at_bound.copy()
+    above &= ~below
+    low, high = np.where(below, bounds[:, 0], low), np.where(above, bounds[:, 1], high)
     out = np.clip(low, bounds[:, 0], bounds[:, 1]), np.clip(high, bounds[:, 0], bounds[:, 1])
     return np.where(np.isfinite(sd), out[0], np.nan), np.where(np.isfinite(sd), out[1], np.nan)
 
@@ -150,7 +158,10 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
             f"Not converged: {run.result.reason}. Allow more iterations, or give a start nearer to the answer.",
         )
     if lost.size:
-        return False, f"Not determined by the pictures: {', '.join(lost)}. Fit fewer parameters, or add pictures."
+        return (
+            False,
+            f"Not determined by the pictures: {', '.join(lost)}. Fit fewer, add pictures, or give no starts.",
+        )
     x, w = run.x, run.problem.weights
     g, h = linear.gradient(w), linear.hessian(w)
     inside = ((x > run.parameters.low) | (g < 0)) & ((x < run.parameters.high) | (g > 0)) & (np.diag(h) > 0)
@@ -160,7 +171,7 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
     reach = np.clip(x + step, run.parameters.low, run.parameters.high) - x
     far = np.abs(reach) > np.maximum(ARRIVED_SD * found.sd, ARRIVED)
     if far.any():
-        worst = int(np.argmax(np.abs(reach)))
+        worst = int(np.argmax(np.abs(reach) / np.maximum(ARRIVED_SD * found.sd, ARRIVED)))
         advice = "Allow more iterations, or use --solver lm"
         if run.solver is methods()["lm"]:
             advice = "Fix one of the parameters that hardly differ in what they do"

@@ -109,8 +109,12 @@ class Parameters:
         return len(self.components)
 
     def values(self, x: Array) -> Array:
-        """Physical values of `x`."""
-        return np.array([p.to_value(v) for p, v in zip(self.params, x, strict=True)])
+        """Physical values of `x`; at an end of a logit range, which the transform does not reach, the bound itself."""
+        out = np.array([p.to_value(v) for p, v in zip(self.params, x, strict=True)])
+        logit = np.array([p.scale == "logit" for p in self.params])
+        bounds = np.array([p.bounds for p in self.params])
+        out = np.where(logit & (x <= self.low), bounds[:, 0], out)
+        return np.where(logit & (x >= self.high), bounds[:, 1], out)
 
     def free_of(self, values: Array) -> Array:
         """The `x` of physical values."""

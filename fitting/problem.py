@@ -23,8 +23,9 @@ from .picture import Picture
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 
-#: A residual is never trusted below this fraction of the picture's rms: float32 rounding of a prediction.
-ROUNDING = 1e-6
+#: No pixel is known better than this fraction of the picture's rms. A renderer's float32 is better, but a weight of
+#: 1e12 for what is almost black would let it decide over all the rest.
+ROUNDING = 1e-4
 #: Residuals this far apart [pixels] share no noise, not even through a reconstruction filter. If they share more than
 #: this fraction of its variance, and more than so many standard errors, that is misfit. Fewer pairs tell nothing.
 APART, MISFIT, SIGNIFICANT, ENOUGH_PIXELS = 3, 0.05, 5.0, 200

@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 INSEPARABLE = 0.95
 #: Residuals four pixels apart that correlate more than this are not noise.
 NOT_NOISE = 0.3
+#: Below this standard deviation, in the coordinate of its scale, nobody asks for more samples.
+FINE = 1e-3
 #: A standard deviation in a logarithmic coordinate beyond which a parameter is not determined.
 UNDETERMINED = 0.5
 #: Share of the fit's own sampling noise in the residual from which more samples would help.
@@ -36,7 +38,7 @@ def about(
     out = []
     for i, name in enumerate(names):
         if not uncertainty.effect[i]:
-            out.append(f"{name} has no effect on any pixel used: its value is where the fit began.")
+            out.append(f"{name} has no effect on any pixel used.")
         elif np.isnan(sd[i]):
             out.append(
                 f"{name} is not determined: some combination of the parameters changes no pixel. Fix one of them."
@@ -50,9 +52,7 @@ def about(
     for i, (name, p) in enumerate(zip(names, parameters.params, strict=True)):
         if at_bound[i] and uncertainty.effect[i]:
             end = "lower" if abs(values[i] - p.bounds[0]) < abs(values[i] - p.bounds[1]) else "upper"
-            out.append(
-                f"{name} lies at its {end} bound {p.range_text()}: the picture asks for more than the model allows."
-            )
+            out.append(f"{name} lies at its {end} bound {p.range_text()}; its interval ends there.")
         if not at_bound[i] and p.scale in ("log", "log_minus_one") and np.isfinite(sd[i]):
             base = values[i] - 1 if p.scale == "log_minus_one" else values[i]
             if sd[i] > UNDETERMINED * base:
@@ -63,7 +63,7 @@ def about(
             f"{uncertainty.correlation_at_4:.2f} four pixels apart). The model does not explain the picture fully, "
             "and the error bars do not include that."
         )
-    if uncertainty.sampling_share > OWN_NOISE:
+    if uncertainty.sampling_share > OWN_NOISE and np.nanmax(uncertainty.sd, initial=0.0) > FINE:
         out.append(
             f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: "
             "more samples (--spp) would narrow the error bars."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import threading
@@ -19,7 +20,7 @@ import numpy.typing as npt
 from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
-from . import finish, starts, uncertainty
+from . import finish, pixels, starts, uncertainty
 from .method import why_rendered
 from .parameters import Parameters, resolve
 from .picture import Picture
@@ -38,6 +39,8 @@ VARIANT = "llvm_ad_rgb"
 EXACT_LEVELS, RENDERED_LEVELS = (4, 16, 64, 256), (8, 32, 128)
 #: Samples kept in memory for all pictures together, at some 200 bytes each.
 MOST_SAMPLES = 8_000_000
+#: Beyond so many an explicit request is refused.
+TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
 #: Pixels and samples a half for the search of a start.
 SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
 #: Grid points where each is a rendering.
@@ -46,6 +49,8 @@ SEARCH_RENDERINGS = 60
 SEEDS = 2**31
 #: Iterations allowed, by solver.
 ITERATIONS = {"lm": 50, "lbfgs": 200, "adam": 300, "gd": 1000}
+#: Of lm, where each is several renderings.
+RENDERED_ITERATIONS = 15
 #: Levels end when the last made no parameter move by more than this many standard deviations ...
 STILL = 0.3
 #: ... and the fit's own noise widens the error bars by less than this fraction, or they are below this anyway.
@@ -122,7 +127,7 @@ class Run:
     def reweigh(self) -> None:
         """Weigh each residual by the inverse of its noise, unless there is more than noise in them.
 
-        Where the model cannot explain the picture, pixels count alike, here and from here on: the answer is then that
+        Where the model cannot explain the picture, pixels count alike: the answer is then that
         of least mean square error. By their noise, the bright ones would count least, and a highlight of another shape
         than the model's would be given up.
         """
@@ -130,7 +135,7 @@ class Run:
         residuals = self.problem.residuals(self.x)
         self.noise = self.problem.noise(residuals)
         variance = self.noise + self.problem.sampling(residuals)
-        self.misfit = self.misfit or self.problem.misfit(residuals, variance)[1]
+        _, self.misfit = self.problem.misfit(residuals, variance)
         if self.misfit:
             self.problem.weigh_equally()
         else:
@@ -217,7 +222,7 @@ def fit(
         integrator=integrator,
         method="rendered" if method == "rendered" or why else "exact",
         solver=solvers[solver],
-        max_iterations=max_iterations or ITERATIONS[solver],
+        max_iterations=max_iterations or (RENDERED_ITERATIONS if why and solver == "lm" else ITERATIONS[solver]),
         seed=seed,
         report=progress or (lambda step: None),
         scene=loaded,
@@ -233,6 +238,7 @@ def fit(
                 raise
             interrupted = True
         settings = {
+            "folder": os.getcwd(),
             "scene": os.fspath(loaded.path),
             "targets": {v.name: v.path for v in views},
             "masks": {
@@ -297,10 +303,10 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 def search(run: Run) -> None:
     """Find the start, on some of the pixels and few samples."""
     given = [v for f in run.parameters.free for v in (np.full(f.size, np.nan) if f.start is None else f.start)]
-    pixels = sum(len(where) for view in run.views for _, where in view.groups)
+    count = sum(len(where) for view in run.views for _, where in view.groups)
     exact = run.method == "exact"
     samples = SEARCH_SAMPLES if exact else RENDERED_LEVELS[0]
-    coarse = run.build(samples, run.seed, max(1, pixels // SEARCH_PIXELS), halves=1)
+    coarse = run.build(samples, run.seed, max(1, count // SEARCH_PIXELS), halves=1)
     most = starts.MOST_POINTS if exact else SEARCH_RENDERINGS
     run.start = run.x = starts.search(coarse, np.array(given), most, run.pause)
 
@@ -313,6 +319,8 @@ def refine(run: Run, spp: int | None) -> None:
     Gauss-Newton step there.
     """
     second_order = run.solver is methods()["lm"]
+    if spp is not None:
+        afford(run, spp)
     levels = levels_of(run) if spp is None else [max(1, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
     first = levels[0] if second_order else levels[min(1, len(levels) - 1)]
     begin(run, first)
@@ -335,9 +343,10 @@ def refine(run: Run, spp: int | None) -> None:
         run.moved = run.x - before
         linear = run.problem.linearize(run.x)
         found = uncertainty.estimate(run.problem, linear, run.x)
-        sd = np.where(np.isfinite(found.sd), found.sd, np.inf)
-        still = bool(np.all(np.abs(run.moved) <= np.maximum(STILL * sd, 1e-6)))
-        fine = bool(np.all(found.sd[np.isfinite(found.sd)] <= FINE))
+        sd = found.sd[found.effect]
+        moved = np.abs(run.moved[found.effect])
+        still = bool(np.all(np.isfinite(sd) & (moved <= np.maximum(STILL * np.nan_to_num(sd), 1e-6))))
+        fine = bool(np.all(sd <= FINE))
         if still and (fine or widening(run, linear, found) <= QUIET):
             break
 
@@ -356,6 +365,15 @@ def widening(run: Run, linear: Linear, found: uncertainty.Uncertainty) -> float:
     return float(np.max(widths[0] / widths[1], initial=1.0)) - 1.0
 
 
+def afford(run: Run, spp: int) -> None:
+    """Refuse a sample count that does not fit into memory."""
+    one = sum(math.prod(pixels.film_size(v.sensor)) for v in run.views)
+    if run.method == "exact":
+        one = sum(len(where) for view in run.views for _, where in view.groups) * len(run.scene.scene.emitters())
+    if one * spp > TOO_MANY_SAMPLES:
+        raise UsageError(f"spp = {spp} needs more memory than there may be. Take at most {TOO_MANY_SAMPLES // one}.")
+
+
 def begin(run: Run, samples: int) -> None:
     """Take up the problem with this many samples a half."""
     run.problem = run.build(samples, run.seed + 1000)
@@ -367,8 +385,8 @@ def levels_of(run: Run) -> list[int]:
     if run.method == "rendered":
         return list(RENDERED_LEVELS)
     lights = len(run.scene.scene.emitters())
-    pixels = sum(len(where) for view in run.views for _, where in view.groups)
-    return [n for n in EXACT_LEVELS if 2 * n * lights * pixels <= MOST_SAMPLES] or [EXACT_LEVELS[0]]
+    count = sum(len(where) for view in run.views for _, where in view.groups)
+    return [n for n in EXACT_LEVELS if 2 * n * lights * count <= MOST_SAMPLES] or [EXACT_LEVELS[0]]
 
 
 def check_samples(run: Run, samples: int) -> None:

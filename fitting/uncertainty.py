@@ -22,6 +22,8 @@ NO_EFFECT = 1e-6
 ENOUGH_PAIRS = 10
 #: Eigenvalues of the scaled normal matrix below this fraction of the largest: directions no pixel determines.
 SINGULAR = 1e-10
+#: A component takes part in such a direction if this much of the direction's length squared is its own.
+TAKES_PART = 1e-3
 
 
 @dataclass(frozen=True)
@@ -57,51 +59,89 @@ class Uncertainty:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
-def estimate(problem: Problem, linear: Linear, x: Array) -> Uncertainty:
+def estimate(problem: Problem, linear: Linear, x: Array, held: npt.NDArray[np.bool_] | None = None) -> Uncertainty:
     """Delete-one-block jackknife of the weighted least-squares estimate, to first order.
 
-    Pixels are grouped into square blocks; with the block's share ``S_k`` of the gradient and ``H_k`` of the
-    Gauss-Newton matrix, leaving it out moves the estimate by ``(H - H_k)^-1 S_k``, and the covariance is the sum of the
-    squares of these (Efron and Stein 1981; for clusters: Bell and McCaffrey 2002, "CR3"). Unlike ``sigma^2 H^-1`` it
-    holds whatever the weights, for noise that differs from pixel to pixel, and for noise correlated within a block, as
-    a reconstruction filter makes it.
+    `held` marks components that lie at a bound. Pixels are grouped into square blocks; with the block's share ``S_k``
+    of the gradient and ``H_k`` of the Gauss-Newton matrix, leaving it out moves the estimate by ``(H - H_k)^-1 S_k``,
+    and the covariance is the sum of the squares of these (Efron and Stein 1981; for clusters: Bell and McCaffrey 2002,
+    "CR3"). Unlike ``sigma^2 H^-1`` it holds whatever the weights, for noise that differs from pixel to pixel, and for
+    noise correlated within a block, as a reconstruction filter makes it.
     """
     w = problem.weights
-    p = len(x)
+    held = np.zeros(len(x), dtype=bool) if held is None else held
     value_slope = problem.parameters.slope(x)
     values = np.abs(problem.parameters.values(x))
-    (ra, rb), (ja, jb) = linear.r, linear.jacobian
+    (ra, rb), (ja, _) = linear.r, linear.jacobian
     strongest = np.abs(ja).max(axis=0) / value_slope * np.maximum(values, 0.1)
     effect = strongest > NO_EFFECT * problem.scale
     h = linear.hessian(w)
     diagonal = np.diag(h)
-    live = np.flatnonzero(effect & (diagonal > 0))
-    covariance, confusion = np.full((p, p), np.nan), np.full((p, p), np.nan)
+    live = effect & (diagonal > 0)
     block = blocks_of(problem)
     groups = int(block.max()) + 1
-    quantile = float(stats.t.ppf(0.5 + LEVEL / 2, max(groups - len(live), 1)))
-    if live.size and groups > 1:
-        scale = 1.0 / np.sqrt(diagonal[live])
-        hs = h[np.ix_(live, live)] * np.outer(scale, scale)
-        ja, jb = ja[:, live] * scale, jb[:, live] * scale
-        score = 0.5 * w[:, None] * (ja * rb[:, None] + jb * ra[:, None])
-        order = np.argsort(block, kind="stable")
-        edges = np.searchsorted(block[order], np.arange(groups))
-        s = np.add.reduceat(score[order], edges, axis=0)
-        outer = 0.5 * w[:, None, None] * (ja[:, :, None] * jb[:, None, :] + jb[:, :, None] * ja[:, None, :])
-        hk = np.add.reduceat(outer[order], edges, axis=0)
-        if np.linalg.eigvalsh(hs).min() > SINGULAR:
-            moved = np.stack([np.linalg.lstsq(hs - one, sk, rcond=SINGULAR)[0] for one, sk in zip(hk, s, strict=True)])
-            scaled = (groups - 1) / groups * moved.T @ moved
-            covariance[np.ix_(live, live)] = scaled * np.outer(scale, scale)
-            inverse = np.linalg.inv(hs)
-            confusion[np.ix_(live, live)] = inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
+    quantile = float(stats.t.ppf(0.5 + LEVEL / 2, max(groups - int(live.sum()), 1)))
+    covariance, confusion = jackknife(linear, w, np.flatnonzero(live), block)
+    if held.any():
+        # What lies at a bound stays there whatever the noise, as far as the others are concerned; its own spread is
+        # that of the free estimate.
+        own = np.diag(covariance)
+        covariance, confusion = jackknife(linear, w, np.flatnonzero(live & ~held), block)
+        covariance[held] = covariance[:, held] = 0.0
+        covariance[held, held] = own[held]
     mean = 0.5 * (ra + rb)
     total = float(np.mean(w * mean**2))
     sampling = float(np.mean(w * (ra - rb) ** 2)) / 4
     return Uncertainty(
-        covariance, confusion, effect, quantile, sampling / total if total > 0 else 0.0, far(problem, mean * np.sqrt(w))
+        covariance,
+        confusion,
+        effect,
+        quantile,
+        min(sampling / total, 1.0) if total > 0 else 0.0,
+        far(problem, mean * np.sqrt(w)),
     )
+
+
+def jackknife(
+    linear: Linear, w: Array, live: npt.NDArray[np.intp], block: npt.NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Covariance of the components `live`, and how alike they act; NaN for the others, and for what is not determined.
+
+    A combination of components that changes no pixel leaves those in it undetermined, and the rest as they are.
+    """
+    p = linear.jacobian[0].shape[1]
+    covariance, confusion = np.full((p, p), np.nan), np.full((p, p), np.nan)
+    groups = int(block.max()) + 1
+    if not live.size or groups < 2:
+        return covariance, confusion
+    (ra, rb), (ja, jb) = linear.r, (j[:, live] for j in linear.jacobian)
+    h = ja.T @ (w[:, None] * jb)
+    h = 0.5 * (h + h.T)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+    values, vectors = np.linalg.eigh(h * np.outer(scale, scale))
+    if values.min() < 0:
+        # The halves disagree so much that their cross product is not positive; their mean's is.
+        ja = jb = 0.5 * (ja + jb)
+        h = ja.T @ (w[:, None] * ja)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+        values, vectors = np.linalg.eigh(h * np.outer(scale, scale))
+    hs = h * np.outer(scale, scale)
+    ja, jb = ja * scale, jb * scale
+    score = 0.5 * w[:, None] * (ja * rb[:, None] + jb * ra[:, None])
+    order = np.argsort(block, kind="stable")
+    edges = np.searchsorted(block[order], np.arange(groups))
+    s = np.add.reduceat(score[order], edges, axis=0)
+    outer = 0.5 * w[:, None, None] * (ja[:, :, None] * jb[:, None, :] + jb[:, :, None] * ja[:, None, :])
+    hk = np.add.reduceat(outer[order], edges, axis=0)
+    moved = np.stack([np.linalg.lstsq(hs - one, sk, rcond=SINGULAR)[0] for one, sk in zip(hk, s, strict=True)])
+    lost = np.sum(vectors[:, values <= SINGULAR * values.max()] ** 2, axis=1) > TAKES_PART
+    found, sure = live[~lost], ~lost
+    scaled = (groups - 1) / groups * moved.T @ moved * np.outer(scale, scale)
+    covariance[np.ix_(found, found)] = scaled[np.ix_(sure, sure)]
+    inverse = np.linalg.pinv(hs, rcond=SINGULAR, hermitian=True)
+    size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+    confusion[np.ix_(found, found)] = (inverse / np.outer(size, size))[np.ix_(sure, sure)]
+    return covariance, confusion
 
 
 def blocks_of(problem: Problem) -> npt.NDArray[np.int64]:

@@ -189,7 +189,7 @@ def parse(
     config.unused_parameters = unused
     config.merge_equivalent = config.merge_meshes = config.parallel = False
     if not Path(path).is_file():
-        raise DataError(f"{path}: no such file.")
+        raise DataError(f"{path}: {'is a folder, not a scene' if Path(path).is_dir() else 'no such file'}.")
     with explained(path):
         state = mi.parser.parse_file(config, os.fspath(path), **{k: str(v) for k, v in defaults.items()})
         inside = {i: parent for parent, node in enumerate(state.nodes) for i in references(node)}

@@ -83,7 +83,7 @@ def command(
     )
     written = output.write(solution, out)
     if as_json:
-        print_json(solution.to_json())
+        print_json({**solution.to_json(), "command": output.command(solution.settings)})
     else:
         print(summary(solution))
         materials = ", ".join(str(path) for path in written if path.name.startswith("material"))
@@ -115,6 +115,8 @@ def wanted(text: str) -> tuple[str, Any]:
     if not equals:
         return name, None
     try:
+        if not start:
+            raise ValueError
         return name, [float(part) for part in start.split(",")]
     except ValueError:
         raise UsageError(f"--fit {text!r}: the start {start!r} is not a number, nor R,G,B.") from None

@@ -70,7 +70,7 @@ def test_an_interruption_when_the_fit_is_done_does_not_lose_it(
     assert {p.name for p in tmp_path.iterdir()} == RESULTS
 
 
-def started(place: Path, arguments: str, *code: str, **streams: Any) -> subprocess.Popen[bytes]:
+def started(place: Path, arguments: str, *code: str, **streams: Any) -> subprocess.Popen[Any]:
     """The command in a process of its own; `code` runs before it."""
     program = "\n".join([*code, "import sys", "from fitting.cli.app import main", "sys.exit(main())"])
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}

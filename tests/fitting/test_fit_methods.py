@@ -135,19 +135,19 @@ def test_relief_from_a_picture(wrapper: str, tmp_path: Path) -> None:
 
 
 def test_fits_agree(tmp_path: Path) -> None:
-    """Either way the same picture gives the same parameters, within the error bars, and these are alike."""
-    path = studio.standard(tmp_path, 40)
-    picture = studio.noisy(studio.picture(path, 512, 4, m=0.25, eta=1.6, base="0.3,0.1,0.05"), 0.02, 3, floor=0.01)
-    names = ["ball.m", "ball.eta", "ball.diffuse_reflectance"]
-    exact, rendered = (fitting.fit(path, {"camera": picture}, names, method=m) for m in ("exact", "rendered"))
+    """Either way the same picture gives the same parameters, within the error bars of both, which hold the truth."""
+    path = studio.write(tmp_path, BALL, SPHERE, camera(32), KEY)
+    picture = studio.noisy(studio.picture(path, 1024, m=0.25, eta=1.6), 0.02, 3, floor=0.01)
+    names = {"ball.m": 0.25, "ball.eta": 1.6}
+    exact, rendered = (fitting.fit(path, {"camera": picture}, list(names), method=m) for m in ("exact", "rendered"))
     assert (exact.settings["method"], rendered.settings["method"]) == ("exact", "rendered")
-    assert exact.converged
+    assert exact.converged, exact.status
     assert rendered.converged, rendered.status
-    truth = {"ball.m": [0.25], "ball.eta": [1.6], "ball.diffuse_reflectance": [0.3, 0.1, 0.05]}
-    for name in names:
+    for name, truth in names.items():
         a, b = exact.parameters[name], rendered.parameters[name]
-        assert np.all(np.abs(a.value - b.value) < 4 * np.hypot(a.sd, b.sd)), name
+        print(f"{name}: exact {a.value[0]:.5f} +- {a.sd[0]:.5f}, rendered {b.value[0]:.5f} +- {b.sd[0]:.5f}")
+        assert abs(a.value[0] - b.value[0]) < 4 * np.hypot(a.sd[0], b.sd[0]), name
         for found in (a, b):
-            assert np.all(np.abs(found.value - truth[name]) < 4 * found.sd), name
-        assert np.all(b.sd < 2 * a.sd), name
-        assert np.all(a.sd < 1.5 * b.sd), name
+            assert abs(found.value[0] - truth) < 4 * found.sd[0], name
+        # A rendering has noise of its own besides the target's.
+        assert a.sd[0] / 1.5 < b.sd[0] < 3 * a.sd[0], name
