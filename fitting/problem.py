@@ -81,7 +81,7 @@ class Problem:
     ) -> None:
         """`targets` are linear RGB pictures of shape (height, width, 3)."""
         self.parameters = parameters
-        self.pictures = list(pictures)
+        self.pictures: list[Picture] = list(pictures)
         shown = [np.asarray(t).reshape(-1, 3)[p.pixels].T for p, t in zip(pictures, targets, strict=True)]
         self.target = np.concatenate([t.ravel() for t in shown]).astype(np.float64)
         self.pixel = np.concatenate([np.tile(p.pixels, 3) for p in pictures])

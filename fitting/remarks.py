@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 
@@ -28,7 +26,7 @@ def about(
     parameters: Parameters,
     uncertainty: Uncertainty,
     sd: Array,
-    at_bound: Sequence[bool],
+    at_bound: npt.NDArray[np.bool_],
     values: Array,
     rms: float,
     misfit: bool,

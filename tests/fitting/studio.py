@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -31,7 +32,7 @@ def camera(
     rfilter: str = "gaussian",
     name: str = "camera",
     origin: str = "0,0,4.2",
-    fov: float = 30,
+    fov: float | str = 30,
     kind: str = "perspective",
     more: str = "",
     film: str = "",
@@ -63,7 +64,7 @@ def standard(folder: Path, size: int = 48, rfilter: str = "gaussian") -> Path:
     return write(folder, BALL, SPHERE, camera(size, rfilter), KEY, RIM)
 
 
-def picture(path: Path, spp: int, passes: int = 1, seed: int = 10_000, sensor: int = 0, **values: object) -> Picture:
+def picture(path: Path, spp: int, passes: int = 1, seed: int = 10_000, sensor: int = 0, **values: Any) -> Picture:
     """What Mitsuba makes of the scene with other `values` for its $names."""
     use()
     scene = mi.load_file(str(path), **{k: str(v) for k, v in values.items()})
@@ -73,7 +74,7 @@ def picture(path: Path, spp: int, passes: int = 1, seed: int = 10_000, sensor: i
     return np.mean(images, axis=0)[..., :3]
 
 
-def lamp_by_lamp(folder: Path, parts: tuple[str, ...], lamps: tuple[str, ...], spp: int, **values: object) -> Picture:
+def lamp_by_lamp(folder: Path, parts: tuple[str, ...], lamps: tuple[str, ...], spp: int, **values: Any) -> Picture:
     """The sum of the pictures under each lamp alone: `path` picks one of several at random, which is noise."""
     scenes = [write(folder, *parts, lamp, name=f"lamp{i}.xml") for i, lamp in enumerate(lamps)]
     return np.sum([picture(scene, spp, **values) for scene in scenes], axis=0)

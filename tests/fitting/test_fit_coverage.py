@@ -11,6 +11,7 @@ from scipy import ndimage
 
 import fitting
 from fitting import uncertainty
+from fitting.picture import Picture
 from fitting.picture.exact import ExactPicture
 from fitting.solvers import methods
 from tests.fitting import studio
@@ -91,7 +92,7 @@ def test_error_bars_cover(name: str, clean: np.ndarray, tmp_path: Path) -> None:
     shown, scene, sensor = p.pictures[0].pixels, p.scene.scene, p.scene.sensors["camera"]  # type: ignore[attr-defined]
     groups = [(p.pictures[0].caches[0].bsdf, shown)]  # type: ignore[attr-defined]
     for seed in range(60):
-        ours, others = ([ExactPicture(scene, sensor, groups, 16, s)] for s in (seed, 1000 + seed))
+        ours, others = (list[Picture]([ExactPicture(scene, sensor, groups, 16, s)]) for s in (seed, 1000 + seed))
         p.pictures = ours
         target = clean + NOISES[name](clean, rng)
         p.target = target.reshape(-1, 3)[shown].T.ravel()

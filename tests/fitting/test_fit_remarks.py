@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ def said(solution: Solution, words: str) -> list[str]:
     return [remark for remark in solution.remarks if words in remark]
 
 
-def noisy(path: Path, seed: int = 1, relative: float = 0.02, **values: object) -> np.ndarray:
+def noisy(path: Path, seed: int = 1, relative: float = 0.02, **values: Any) -> np.ndarray:
     return studio.noisy(studio.picture(path, 1024, **values), relative, seed, floor=0.003)
 
 

@@ -69,7 +69,7 @@ MATERIALS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "principled": (
         ball("principled", DISNEY + number(eta=1.6)),
-        [
+        (
             "base_color",
             "roughness",
             "eta",
@@ -82,7 +82,7 @@ MATERIALS: dict[str, tuple[str, tuple[str, ...]]] = {
             "flatness",
             "clearcoat",
             "clearcoat_gloss",
-        ],
+        ),
     ),
     "principled-specular": (ball("principled", DISNEY + number(specular=0.4)), ("specular", "roughness")),
 }
