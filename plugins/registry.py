@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -14,6 +15,8 @@ from brdf import Model, UsageError, builtin, defaults, llvm
 from .adapter import plugin_class
 
 GROUP = "brdf.models"
+#: What the XML of a BSDF says of itself.
+RESERVED = ("type", "id", "name", "version")
 _known: dict[str, type[Model]] = {}
 _listening = False
 
@@ -78,6 +81,13 @@ def add(model: type[Model]) -> None:
     if old is not None and (old.__module__, old.__qualname__) != (model.__module__, model.__qualname__):
         raise UsageError(f"{name}: this name is taken by {old.__module__}.{old.__qualname__}. Choose another.")
     for p in model.params:
+        if p.name in RESERVED:
+            raise UsageError(f"{name}: a parameter cannot be named {p.name!r}, which means something else in XML.")
+        low, high = p.bounds
+        if p.kind != "choice" and not low < high:
+            raise UsageError(f"{name}: the bounds of {p.name} are {p.bounds}. The first is to be the smaller.")
+        if p.scale == "logit" and p.kind != "choice" and not math.isfinite(high):
+            raise UsageError(f"{name}: {p.name} has the scale logit, which needs finite bounds. Give them, or use log.")
         p.check(name, p.default)
     if any((Path(mi.__file__).parent / "plugins").glob(f"{name}.*")):
         raise UsageError(f"{name}: this name is taken by a plugin of Mitsuba's own. Choose another.")

@@ -34,7 +34,7 @@ def rewrite(
     Parameters
     ----------
     values : for each BSDF, by the name that `scene.parse` gives it, for each parameter: a number, or linear RGB
-    defaults : values for ``$name``, as in `scene.load`; they are needed to read the file, and not written
+    defaults : values for ``$name``, as in `scene.load`; they are written as <default> elements
 
     Returns
     -------
@@ -68,10 +68,15 @@ def rewrite(
             written.append(file.copy)
     main = files[0]
     main.copy = out
-    if there != home and not main.root.empty:
-        line = b'<path value="' + attribute_text(relative(home, there)) + b'"/>'
+    if not main.root.empty:
+        # The first <default> of a name holds, so these go before those of the file.
+        pair = b'<default name="%s" value="%s"/>'
+        lines = [pair % (attribute_text(name), attribute_text(str(value))) for name, value in defaults.items()]
+        if there != home:
+            lines.append(b'<path value="' + attribute_text(relative(home, there)) + b'"/>')
         first = main.root.children[0].start if main.root.children else main.root.end
-        main.edits.append((main.root.opened, main.root.opened, (indentation(main.text, first) or b"") + line))
+        space = indentation(main.text, first) or b""
+        main.edits += [(main.root.opened, main.root.opened, space + line) for line in lines]
     for file in reversed(files):
         if file.copy:
             for link in file.links:
