@@ -235,7 +235,6 @@ def test_json_has_the_documented_keys_and_is_strict(
         for key in ("value", "sd", "low", "high", "start"):
             assert np.shape(estimate[key]) == (() if name == "ball.m" else (3,))
             assert np.isfinite(estimate[key]).all()
-    del saved["command"]
     assert shown == saved
 
 
