@@ -29,6 +29,8 @@ ROUNDING = 1e-4
 #: Residuals this far apart [pixels] share no noise, not even through a reconstruction filter. If they share more than
 #: this fraction of its variance, and more than so many standard errors, that is misfit. Fewer pairs tell nothing.
 APART, MISFIT, SIGNIFICANT, ENOUGH_PIXELS = 3, 0.05, 5.0, 200
+#: The variance of pixels as bright counts as much as that of so many neighbours.
+ALIKE = 3.0
 #: However noisy the fit's own samples are, the target's noise is taken as at least this fraction of the residual's.
 LEAST = 0.1
 #: Bins of predicted intensity in which the variance of the residuals is measured.
@@ -212,15 +214,27 @@ class Problem:
     def sampling(self, residuals: tuple[Array, Array]) -> Array:
         """Variance that the fit's own samples give the mean of the halves: one a pixel, for all three channels.
 
-        It is largest in few pixels, those on the edge of a shadow and in a sharp highlight.
+        It is largest in few pixels, those on the edge of a shadow and in a sharp highlight. The difference of the
+        halves says it of a pixel with one degree of freedom; so it is averaged with the neighbours in the row, and with
+        pixels as bright, or chance would weigh the pixels.
         """
         square = 0.25 * (residuals[0] - residuals[1]) ** 2
-        out, start = np.empty_like(square), 0
+        start = 0
         for picture in self.pictures:
             end = start + 3 * len(picture.pixels)
-            out[start:end] = np.tile(square[start:end].reshape(3, -1).mean(axis=0), 3)
+            square[start:end] = np.tile(square[start:end].reshape(3, -1).mean(axis=0), 3)
             start = end
-        return out
+        alike = np.empty_like(square)
+        for group in np.array_split(np.argsort(self.target + 0.5 * (residuals[0] + residuals[1])), NOISE_BINS):
+            alike[group] = square[group].mean() if len(group) else 0.0
+        total, count = square + ALIKE * alike, np.full(len(square), 1.0 + ALIKE)
+        for lag in (1, 2):
+            i, j = self.beside(lag)
+            total[i] += square[j]
+            total[j] += square[i]
+            count[i] += 1
+            count[j] += 1
+        return total / count
 
     def misfit(self, residuals: tuple[Array, Array], variance: Array) -> tuple[float, bool]:
         """What the model does not explain, as a fraction of the noise's variance, and whether that is beyond doubt.
