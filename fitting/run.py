@@ -132,14 +132,15 @@ class Run:
         than the model's would be given up.
         """
         assert self.problem is not None and self.x is not None
-        residuals = self.problem.residuals(self.x)
-        self.noise = self.problem.noise(residuals)
-        variance = self.noise + self.problem.sampling(residuals)
-        _, self.misfit = self.problem.misfit(residuals, variance)
+        # From samples of their own: by those of the residuals, a pixel that these make too dark would count more.
+        other = self.build(self.levels[-2:][0], self.seed + 2000)
+        residuals = other.residuals(self.x)
+        self.noise = other.noise(residuals)
+        _, self.misfit = other.misfit(residuals, self.noise + other.sampling(residuals))
         if self.misfit:
             self.problem.weigh_equally()
         else:
-            self.problem.weigh(1.0 / variance)
+            self.problem.weigh(1.0 / self.noise)
 
 
 def fit(
@@ -357,12 +358,14 @@ def widening(run: Run, linear: Linear, found: uncertainty.Uncertainty) -> float:
     if run.misfit:
         return 0.5 * found.sampling_share
     live = np.flatnonzero(np.isfinite(found.sd))
-    widths = []
-    for weights in (run.problem.weights, 1.0 / run.noise):
-        h = linear.hessian(weights)[np.ix_(live, live)]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
-        widths.append(scale * np.sqrt(np.maximum(np.diag(np.linalg.pinv(h * np.outer(scale, scale))), 0.0)))
-    return float(np.max(widths[0] / widths[1], initial=1.0)) - 1.0
+    w = run.problem.weights
+    h = linear.hessian(w)[np.ix_(live, live)]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+    inverse = np.linalg.pinv(h * np.outer(scale, scale))
+    score = 0.5 * (linear.jacobian[0] + linear.jacobian[1])[:, live] * (w * scale[:, None]).T
+    own = score.T @ (run.problem.sampling(linear.r)[:, None] * score)
+    noise, samples = np.diag(inverse), np.diag(inverse @ own @ inverse)
+    return float(np.sqrt(np.max(1.0 + samples / np.maximum(noise, 1e-300), initial=1.0))) - 1.0
 
 
 def afford(run: Run, spp: int) -> None:
