@@ -199,8 +199,8 @@ def fit(
         raise UsageError(f"solver {solver!r} is not one of {', '.join(solvers)}.")
     if method not in get_args(Method):
         raise UsageError(f"method {method!r} is not one of {', '.join(get_args(Method))}.")
-    if spp is not None and spp < 2:
-        raise UsageError(f"spp = {spp}: at least 2 samples a pixel are needed, one in each half.")
+    if spp is not None and spp < 4:
+        raise UsageError(f"spp = {spp}: at least 4 samples a pixel are needed, two in each half.")
     if max_iterations is not None and max_iterations < 1:
         raise UsageError(f"max_iterations = {max_iterations}: at least 1 is needed.")
     if not 0 <= seed < SEEDS:
@@ -322,7 +322,7 @@ def refine(run: Run, spp: int | None) -> None:
     second_order = run.solver is methods()["lm"]
     if spp is not None:
         afford(run, spp)
-    levels = levels_of(run) if spp is None else [max(1, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
+    levels = levels_of(run) if spp is None else [max(2, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
     first = levels[0] if second_order else levels[min(1, len(levels) - 1)]
     begin(run, first)
     assert run.problem is not None and run.x is not None

@@ -12,7 +12,6 @@ run, and leaves the errors of neighbouring pixels independent, which the error b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -25,6 +24,8 @@ Array = npt.NDArray[np.float64]
 
 #: Points of the table by which a filter's distribution is inverted.
 FILTER_TABLE = 4096
+#: Where a filter has lobes below zero, one sample in so many is drawn from them.
+NEGATIVE = 4
 #: Roots of x^(d+1) = x + 1: the generalised golden ratios of the Kronecker sequences in 2 and 4 dimensions.
 GOLDEN = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
 
@@ -95,24 +96,17 @@ class Cache:
         self.addends = len(emitters) * samples
         width, height = film_size(sensor)
         both = np.concatenate([pixels, pixels])
-        points = kronecker(len(both), samples, 4 if sensor.needs_aperture_sample() else 2, rng)
-        inverse, masses = filter_table(sensor.film().rfilter())
-        (dx, sx), (dy, sy) = inverse(points[0]), inverse(points[1])
+        dimensions = 4 if sensor.needs_aperture_sample() else 2
         column, row = both % width, both // width
-        x, y = np.repeat(column, samples) + 0.5 + dx, np.repeat(row, samples) + 0.5 + dy
-        # What falls outside the film does not count. Samples on positive and on negative lobes of the filter share what
-        # these weigh: with signs alone, their sum would be as noisy as the picture.
-        sign = (sx * sy * ((x >= 0) & (x <= width) & (y >= 0) & (y <= height))).reshape(-1, samples)
-        (px, nx), (py, ny) = masses(-column - 0.5, width - column - 0.5), masses(-row - 0.5, height - row - 0.5)
-        minus = np.where((sign < 0).any(axis=1), (px * ny + nx * py) / ((px - nx) * (py - ny)), 0.0)
-        count = [np.maximum((sign * s > 0).sum(axis=1), 1) for s in (1, -1)]
-        share = np.where(sign > 0, ((1 + minus) / count[0])[:, None], -(minus / count[1])[:, None]) * (sign != 0)
-        share = share.ravel()
+        # What falls outside the film does not count.
+        spans = ((-column - 0.5, width - column - 0.5), (-row - 0.5, height - row - 0.5))
+        points, share = filter_points(sensor.film().rfilter(), spans, samples, dimensions, rng)
+        x, y = np.repeat(column, samples) + 0.5 + points[0], np.repeat(row, samples) + 0.5 + points[1]
         aperture = mi.Point2f(*(mi.Float(p.astype(np.float32)) for p in points[2:])) if len(points) > 2 else None
         position = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
         ray, ray_weight = rays(sensor, position, aperture)
         si = scene.ray_intersect(ray)
-        here = si.is_valid() & (dr.reinterpret_array(mi.UInt32, si.bsdf()) == index_of(bsdf)) & mi.Bool(share != 0)
+        here = si.is_valid() & (dr.reinterpret_array(mi.UInt32, si.bsdf()) == index_of(bsdf))
         factor = mi.Color3f(ray_weight) * mi.Float(share.astype(np.float32))
         dr.eval(si, here, factor)
 
@@ -156,31 +150,72 @@ def kronecker(n: int, samples: int, dimensions: int, rng: np.random.Generator) -
     return [((rng.random((n, 1)) + np.arange(samples) * step) % 1.0).ravel() for step in steps]
 
 
-def filter_table(rfilter: mi.ReconstructionFilter) -> tuple[Any, Any]:
-    """Inversion of the distribution ``|filter(x)|`` along one axis.
+def filter_points(
+    rfilter: mi.ReconstructionFilter,
+    spans: Sequence[tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]],
+    samples: int,
+    dimensions: int,
+    rng: np.random.Generator,
+) -> tuple[list[Array], Array]:
+    """Points drawn from a reconstruction filter, `samples` for each of n pixels, and the weights that make up a mean.
+
+    A filter's two axes are independent, and each is the difference of a positive and a negative part. A fixed number of
+    points is drawn where their product is positive, and of those with lobes below zero a fixed number where it is
+    negative: left to chance, how many there are would be as noisy as the picture.
+
+    Parameters
+    ----------
+    rfilter : mi.ReconstructionFilter
+    spans : pair of (array, array), each of shape (n,)
+        For x and y, the least and the greatest offset from a pixel's centre that is on the film [pixels].
+    samples : int
+        One is drawn where the product is positive: good for the search of a start alone.
+    dimensions : int
+        2, or 4 with two more in the unit square.
+    rng : np.random.Generator
 
     Returns
     -------
-    function
-        Of `u` in [0, 1), giving the offset from the pixel's centre [pixels] and the filter's sign there.
-    function
-        Of two offsets, giving the mass of the filter's positive lobes between them and that of its negative ones.
+    list of array, shape (n * samples,)
+        Offsets in x and y [pixels], and the further dimensions; pixel by pixel.
+    array, shape (n * samples,)
+        Weights; those of a pixel add up to 1.
     """
     radius = float(rfilter.radius())
     edges = np.linspace(-radius, radius, FILTER_TABLE + 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
     value = np.array(rfilter.eval(mi.Float(middle.astype(np.float32))), dtype=np.float64)
-    total = np.abs(value).sum()
-    cdf = np.concatenate([[0.0], np.cumsum(np.abs(value))]) / total
-    sums = [np.concatenate([[0.0], np.cumsum(np.maximum(s * value, 0))]) / total for s in (1, -1)]
+    # Of each part: its running integral, and that where the pixel's span begins and how much there is in it.
+    parts = [np.concatenate([[0.0], np.cumsum(np.maximum(s * value, 0))]) for s in (1, -1)]
+    starts = [[np.interp(low, edges, part) for part in parts] for low, _ in spans]
+    (px, nx), (py, ny) = (
+        [np.interp(high, edges, part) - start for part, start in zip(parts, each, strict=True)]
+        for (_, high), each in zip(spans, starts, strict=True)
+    )
 
-    def inverse(u: Array) -> tuple[Array, Array]:
-        cell = np.clip(np.searchsorted(cdf, u, side="right") - 1, 0, FILTER_TABLE - 1)
-        width = cdf[cell + 1] - cdf[cell]
-        t = np.where(width > 0, (u - cdf[cell]) / np.where(width > 0, width, 1.0), 0.5)
-        return edges[cell] + t * (edges[1] - edges[0]), np.where(value[cell] < 0, -1.0, 1.0)
+    def draw(first: Array, second: Array, same: bool, count: int) -> tuple[list[Array], Array]:
+        """`count` points, of weight `first` where x is drawn from the positive part and `second` where it is not.
 
-    def masses(low: Array, high: Array) -> list[Array]:
-        return [np.interp(high, edges, each) - np.interp(low, edges, each) for each in sums]
+        The part of y is the `same` as that of x, or the other.
+        """
+        points = [p.reshape(-1, count) for p in kronecker(len(first), count, dimensions, rng)]
+        total = first + second
+        chance = np.divide(first, total, out=np.ones_like(total), where=total > 0)[:, None]
+        positive = points[0] < chance
+        points[0] = np.where(positive, points[0], points[0] - chance) / np.where(positive, chance, 1.0 - chance)
+        for axis, masses in enumerate(((px, nx), (py, ny))):
+            positive = positive if axis == 0 or same else ~positive
+            of = [
+                np.interp(start[:, None] + points[axis] * mass[:, None], part, edges) if part[-1] > 0 else 0.0
+                for part, start, mass in zip(parts, starts[axis], masses, strict=True)
+            ]
+            points[axis] = np.where(positive, *of)
+        return points, np.repeat((total / ((px - nx) * (py - ny)))[:, None] / count, count, axis=1)
 
-    return inverse, masses
+    fewer = max(1, samples // NEGATIVE) if samples > 1 and parts[1][-1] > 0 else 0
+    points, share = draw(px * py, nx * ny, True, samples - fewer)
+    if fewer:
+        below, minus = draw(px * ny, nx * py, False, fewer)
+        points = [np.concatenate(each, axis=1) for each in zip(points, below, strict=True)]
+        share = np.concatenate([share, -minus], axis=1)
+    return [p.ravel() for p in points], share.ravel()

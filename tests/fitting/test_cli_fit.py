@@ -151,7 +151,7 @@ BAD: dict[str, tuple[str, int, tuple[str, ...]]] = {
     "large seed": (f"{FIT} --seed 4294967296", 2, ("seed = 4294967296",)),
     "seed that is no number": (f"{FIT} --seed x", 2, ("--seed",)),
     "no sample": (f"{FIT} --spp 0", 2, ("spp = 0",)),
-    "one sample": (f"{FIT} --spp 1", 2, ("spp = 1",)),
+    "three samples": (f"{FIT} --spp 3", 2, ("spp = 3", "at least 4")),
     "no iteration": (f"{FIT} --iterations 0", 2, ("iterations = 0",)),
     "unknown solver": (f"{FIT} --solver newton", 2, ("newton", "lm", "lbfgs", "adam", "gd")),
     "unknown method": (f"{FIT} --method guess", 2, ("guess", "exact", "rendered")),

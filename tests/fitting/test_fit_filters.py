@@ -42,8 +42,7 @@ def test_fit_without_bias(rfilter: str, tmp_path: Path) -> None:
         found = solution.parameters[name]
         assert abs(found.value[0] - truth) < 4 * found.sd[0], name
         # A wrong filter is 1 to 9 % off at this size: see below.
-        # Half the samples of a Catmull-Rom filter count negatively: what is drawn from it is noisier.
-        assert abs(found.value[0] / truth - 1) < (0.01 if rfilter == "catmullrom" else 0.005), name
+        assert abs(found.value[0] / truth - 1) < 0.005, name
         assert found.sd[0] < 0.005 * truth, name
 
 
