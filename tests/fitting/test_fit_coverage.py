@@ -132,7 +132,7 @@ def test_the_check_of_coverage_can_fail(clean: np.ndarray, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "fits"), [("relative", 150), ("blurred", 50)])
+@pytest.mark.parametrize(("name", "fits"), [("relative", 150), ("blurred", 100)])
 def test_whole_fits_cover(name: str, fits: int, clean: np.ndarray, tmp_path: Path) -> None:
     """With starts searched for, fresh samples, and all that a fit adds to its error bars."""
     path = studio.standard(tmp_path, SIZE)

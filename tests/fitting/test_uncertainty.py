@@ -1,0 +1,39 @@
+"""Pieces of the error bars against simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from fitting.problem import Problem
+from fitting.uncertainty import blocks_of, cut
+
+SIZE = 64
+
+
+def grid() -> Problem:
+    """The residuals of a picture, all of whose pixels count."""
+    p = Problem.__new__(Problem)
+    p.pixel = np.arange(SIZE * SIZE)
+    p.channel = p.view = np.zeros(SIZE * SIZE, dtype=int)
+    p.widths = np.array([SIZE])
+    return p
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.5, 0.8, 1.2])
+def test_what_blocks_cut_of_correlated_noise(blur: float) -> None:
+    """The variance of a sum, over 2000 pictures of noise, is what blocks see of it times the factor."""
+    p = grid()
+    block = blocks_of(p)
+    rng = np.random.default_rng(1)
+    sums, seen, factors = [], [], []
+    for _ in range(2000):
+        noise = ndimage.gaussian_filter(rng.standard_normal((SIZE, SIZE)), blur, mode="wrap").ravel()
+        sums.append(noise.sum())
+        seen.append(np.sum(np.bincount(block, noise) ** 2))
+        factors.append(cut(p, noise, block) if len(factors) < 50 else factors[0])
+    missing = np.var(sums) / np.mean(seen)
+    # The variance of 2000 sums is known to 1 / sqrt(1000); correlations from four pixels on are left out.
+    assert np.mean(factors[:50]) == pytest.approx(missing, rel=0.13)
+    assert (blur > 0.6) == (np.mean(factors[:50]) > 1.1)
