@@ -146,7 +146,7 @@ def test_too_few_samples_are_called_so(tmp_path: Path) -> None:
     path = studio.write(tmp_path, BALL, SPHERE, camera(SIZE), KEY)
     few = fitting.fit(path, {"camera": studio.picture(path, 1024, m=0.08)}, {"ball.m": [0.08]}, spp=4)
     assert len(said(few, "more samples (--spp)")) == 1
-    assert few.settings["samples"] == [2]
+    assert few.settings["samples"] == [4]
     enough = fitting.fit(path, {"camera": noisy(path, m=0.2)}, ["ball.m"])
     assert not said(enough, "more samples")
     assert max(enough.settings["samples"]) > 2
