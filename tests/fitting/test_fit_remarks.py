@@ -142,7 +142,7 @@ def test_hardly_determined(tmp_path: Path) -> None:
 
 
 def test_too_few_samples_are_called_so(tmp_path: Path) -> None:
-    """Two samples a pixel of a sharp lobe against a picture almost without noise; and enough, left to themselves."""
+    """Four samples a pixel of a sharp lobe against a picture almost without noise; and enough, left to themselves."""
     path = studio.write(tmp_path, BALL, SPHERE, camera(SIZE), KEY)
     few = fitting.fit(path, {"camera": studio.picture(path, 1024, m=0.08)}, {"ball.m": [0.08]}, spp=4)
     assert len(said(few, "more samples (--spp)")) == 1
