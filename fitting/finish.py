@@ -115,7 +115,7 @@ def ends(parameters: Parameters, x: Array) -> list[bool]:
 
 
 def interval(
-    parameters: Parameters, x: Array, sd: Array, quantile: float, at_bound: npt.NDArray[np.bool_]
+    parameters: Parameters, x: Array, sd: Array, quantile: Array, at_bound: npt.NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Ends of the 95 % interval, in values: symmetric in `x` where that is a fair coordinate, else in them.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,8 +35,10 @@ class Free:
         return 3 if self.param.kind == "colour" else 1
 
 
-def declared(material: Bsdf) -> dict[str, Param]:
+def declared(material: Bsdf, others: Iterable[str] = ()) -> dict[str, Param]:
     """The parameters a material can be fitted in, by name: of our models as declared, of Mitsuba's own from a table.
+
+    `others` are the names of all materials, for the message.
 
     Raises
     ------
@@ -46,11 +48,35 @@ def declared(material: Bsdf) -> dict[str, Param]:
     model = getattr(material.bsdf, "model", None)
     params = model.parameters() if model is not None else peers.TABLE.get(material.plugin, ())
     if not params:
+        inside = [name for name in others if name.startswith(f"{material.id}.bsdf")]
+        if inside:
+            raise UsageError(
+                f"{material.id}: a BSDF of type {material.plugin!r} has nothing to fit. What is inside it is named "
+                f"{' and '.join(inside)}."
+            )
         raise UsageError(
             f"{material.id}: a BSDF of type {material.plugin!r} cannot be fitted. "
             f"Use a model that `brdf models` lists, or one of Mitsuba's: {', '.join(sorted(peers.TABLE))}."
         )
     return {p.name: p for p in params}
+
+
+def asked(text: str) -> tuple[str, list[float] | None]:
+    """Split ``ID.PARAM[=START]``: the name, and the start if there is one.
+
+    Raises
+    ------
+    UsageError
+        A start that is not a number, nor three with commas between.
+    """
+    name, equals, start = text.partition("=")
+    try:
+        return name, [float(part) for part in start.split(",")] if equals else None
+    except ValueError:
+        raise UsageError(
+            f"{text!r}: the start {start!r} is not a number, nor R,G,B. Numbers and colours are fitted; a choice is "
+            "made in the scene."
+        ) from None
 
 
 def resolve(scene: Scene, wanted: dict[str, Any]) -> list[Free]:
@@ -69,7 +95,7 @@ def resolve(scene: Scene, wanted: dict[str, Any]) -> list[Free]:
         if not dot:
             raise UsageError(f"{name!r} is not of the form ID.PARAM, as in ball.m.")
         material = find(scene, identifier)
-        params = declared(material)
+        params = declared(material, scene.bsdfs)
         if parameter not in params:
             near = difflib.get_close_matches(parameter, params, 1)
             guess = f" Did you mean {near[0]}?" if near else ""

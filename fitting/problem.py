@@ -35,6 +35,8 @@ ALIKE = 3.0
 LEAST = 0.1
 #: Bins of predicted intensity in which the variance of the residuals is measured.
 NOISE_BINS = 24
+#: Steps by which the noise's coefficients reach their greatest likelihood.
+LIKELIHOOD_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -186,30 +188,40 @@ class Problem:
     def noise(self, residuals: tuple[Array, Array]) -> Array:
         """Variance of the target's noise in each residual.
 
-        ``a + b I + c I^2`` of the predicted intensity `I`, with a, b, c >= 0: additive, shot and multiplicative noise,
-        read off second differences of the residuals along the rows, in which a misfit, as far as it is smooth, cancels;
-        by bins of equal count, so that a few bright pixels do not decide. What the fit's own samples add is subtracted.
+        ``a + b I + c I^2 + d S`` with a, b, c, d >= 0: additive, shot and multiplicative noise of the predicted
+        intensity `I`, and that of a rendered target, whose samples fall anywhere in a pixel and differ there as those
+        of the fit do, `S`. Read off second differences of the residuals along the rows, in which a misfit, as far as it
+        is smooth, cancels; by bins of equal count, so that a few bright pixels do not decide; by the likelihood of a
+        variance, ``log v + s^2 / v``, which does not let a few be far too small. What the fit's own samples add is
+        subtracted.
         """
         mean = 0.5 * (residuals[0] + residuals[1])
         predicted = np.maximum(self.target + mean, 0.0)
         left, right = self.beside(1)
         middle, after = self.beside(1, right)
         before, here = left[middle], right[middle]
-        own = self.sampling(residuals)
+        within = self.sampling(residuals)
         square = (mean[here] - 0.5 * (mean[before] + mean[after])) ** 2 / 1.5
-        own = (own[here] + 0.25 * (own[before] + own[after])) / 1.5
+        own = (within[here] + 0.25 * (within[before] + within[after])) / 1.5
         if len(here) < ENOUGH_PIXELS:
-            here, square, own = np.arange(len(mean)), mean**2, self.sampling(residuals)
-        bright = predicted[here] / self.scale
-        groups = [g for g in np.array_split(np.argsort(bright, kind="stable"), NOISE_BINS) if len(g)]
-        floor = ROUNDING**2
-        total = np.array([square[g].mean() for g in groups]) / self.scale**2
-        mine = np.array([own[g].mean() for g in groups]) / self.scale**2
-        variance = np.maximum(np.maximum(total - mine, LEAST * total), floor)
-        basis = np.array([[1.0, bright[g].mean(), np.mean(bright[g] ** 2)] for g in groups])
-        a, b, c = nnls(basis / variance[:, None], np.ones(len(groups)))[0]
-        t = predicted / self.scale
-        return self.scale**2 * np.maximum(a + b * t + c * t * t, floor)
+            here, square, own = np.arange(len(mean)), mean**2, within
+        t, s = predicted / self.scale, within / self.scale**2
+        bins = [
+            group
+            for key in (t[here], own)
+            for group in np.array_split(np.argsort(key, kind="stable"), NOISE_BINS)
+            if len(group)
+        ]
+        total = np.array([square[g].mean() for g in bins]) / self.scale**2
+        mine = np.array([own[g].mean() for g in bins]) / self.scale**2
+        variance = np.maximum(np.maximum(total - mine, LEAST * total), ROUNDING**2)
+        x = t[here]
+        basis = np.array([[1.0, x[g].mean(), np.mean(x[g] ** 2), mine[i]] for i, g in enumerate(bins)])
+        fitted = variance
+        for _ in range(LIKELIHOOD_STEPS):
+            a, b, c, d = nnls(basis / fitted[:, None], variance / fitted)[0]
+            fitted = np.maximum(0.5 * fitted + 0.5 * (basis @ (a, b, c, d)), ROUNDING**2)
+        return self.scale**2 * np.maximum(a + b * t + c * t * t + d * s, ROUNDING**2)
 
     def sampling(self, residuals: tuple[Array, Array]) -> Array:
         """Variance that the fit's own samples give the mean of the halves: one a pixel, for all three channels.

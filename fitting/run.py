@@ -22,7 +22,7 @@ from plugins import scene as scenes
 
 from . import finish, pixels, starts, uncertainty
 from .method import why_rendered
-from .parameters import Parameters, resolve
+from .parameters import Parameters, asked, resolve
 from .picture import Picture
 from .picture.exact import ExactPicture
 from .picture.rendered import RenderedPicture
@@ -210,7 +210,7 @@ def fit(
     loaded = scene if isinstance(scene, scenes.Scene) else scenes.load(scene, **(defaults or {}))
     if not loaded.scene.emitters():
         raise DataError(f"{loaded.path}: the scene has no light. Add an <emitter>.")
-    wanted = dict(parameters) if isinstance(parameters, Mapping) else dict.fromkeys(parameters)
+    wanted = dict(parameters) if isinstance(parameters, Mapping) else dict(asked(text) for text in parameters)
     free = resolve(loaded, wanted)
     views = prepare(loaded, targets, masks or {}, free)
     integrator = loaded.scene.integrator()

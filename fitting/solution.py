@@ -123,7 +123,7 @@ class MaterialCheck:
         return f"It is {back} (largest difference {self.reciprocity_max:.1g}) and {energy}."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """Result of a fit.
 
@@ -180,6 +180,23 @@ class Solution:
     settings: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     misfit: float = 0.0
+
+    def __str__(self) -> str:
+        """What the command prints: a row a parameter, the status, the checks, the remarks."""
+        rows = [("parameter", "value", "sd", "95 % interval")]
+        for name, e in self.parameters.items():
+            unit = "" if e.unit == "1" else f" {e.unit}"
+            for i, component in enumerate([name] if e.kind == "number" else [f"{name}.{c}" for c in "rgb"]):
+                interval = f"{e.low[i]:.6g} to {e.high[i]:.6g}"
+                rows.append((component, f"{e.value[i]:.6g}{unit}", f"{e.sd[i]:.2g}", interval))
+        widths = [max(len(row[k]) for row in rows) for k in range(4)]
+        lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+        lines += ["", f"{self.status} ({self.seconds:.1f} s, residual {100 * self.rms:.3g} % of the picture)"]
+        lines += [f"{name}: {c.sentence}" for name, c in self.checks.items()]
+        lines += [f"Note: {remark}" for remark in self.remarks]
+        return "\n".join(lines)
+
+    __repr__ = __str__
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the pictures, as plain numbers, lists and strings; NaN becomes None."""

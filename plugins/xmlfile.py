@@ -97,7 +97,8 @@ def material(
 ) -> None:
     """Write one BSDF of a scene, with new values, as a file of its own: ``mi.load_file(out)`` is the BSDF.
 
-    ``$name`` and <ref> are written out, file names lead from the folder of `out`. A nested BSDF stands alone.
+    ``$name`` and <ref> are written out. File names are absolute: whatever file includes this one, they lead to the same
+    place. A nested BSDF stands alone.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def material(
                 if "filename" in key and isinstance(node.props[key], str):
                     found = resolve(node.props[key], folders)
                     if found.exists():
-                        node.props[key] = relative(found.resolve(), out.parent.resolve()).replace("$", "\\$")
+                        node.props[key] = str(found.resolve()).replace("$", "\\$")
     text = re.sub(r"<(?!string\b)[^>]*>", lambda m: shorter(m[0]), mi.parser.write_string(state))
     if name in parsed.state.id_to_index:  # an id from the file, not a name of ours
         text = re.sub(r'type="[^"]*"', lambda m: f'{m[0]} id="{attribute_text(name).decode()}"', text, count=1)

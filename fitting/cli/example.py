@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .fit import printer, summary
+from .fit import printer
 from .output import Json, print_json
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def text(solutions: dict[str, Solution], truth: dict[str, Any], out: Path) -> st
     """The results beside the truth."""
     sphere = solutions["sphere"]
     lines = ["", "(a) A sphere of Cook-Torrance over a coloured base, rendered by Mitsuba's path, 2 % noise added", ""]
-    lines += [summary(sphere), ""]
+    lines += [str(sphere), ""]
     for name in ("ball.m", "ball.eta"):
         e, true = sphere.parameters[name], truth[name]
         inside = "inside" if e.low[0] <= true <= e.high[0] else "OUTSIDE"

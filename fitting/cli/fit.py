@@ -14,7 +14,7 @@ from brdf.errors import UsageError
 from .output import Json, print_json
 
 if TYPE_CHECKING:
-    from ..solution import Solution, Step
+    from ..solution import Step
 
 
 class SolverName(StrEnum):
@@ -59,8 +59,10 @@ def command(
     as_json: Json = False,
 ) -> int:
     """Fit parameters of materials in a scene to pictures of it, with error bars."""
+    from ..parameters import asked
+
     targets = once("--target", [pair(t, "--target", "CAMERA=IMAGE") for t in target])
-    parameters = once("--fit", [wanted(f) for f in fit])
+    parameters = once("--fit", [asked(f) for f in fit])
     defaults = once("-D", [pair(d, "-D", "NAME=VALUE") for d in define])
     masks = once("--mask", [pair(m, "--mask", "CAMERA=IMAGE") if "=" in m else (only(targets), m) for m in mask])
 
@@ -85,7 +87,7 @@ def command(
     if as_json:
         print_json({**solution.to_json(), "command": output.command(solution.settings)})
     else:
-        print(summary(solution))
+        print(solution)
         materials = ", ".join(str(path) for path in written if path.name.startswith("material"))
         print(f"Look at {out / 'report.html'}; the material is {materials}.")
     return 130 if solution.interrupted else 0 if solution.converged else 1
@@ -109,19 +111,6 @@ def once(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return out
 
 
-def wanted(text: str) -> tuple[str, Any]:
-    """Split ``ID.PARAM[=START]``."""
-    name, equals, start = text.partition("=")
-    if not equals:
-        return name, None
-    try:
-        if not start:
-            raise ValueError
-        return name, [float(part) for part in start.split(",")]
-    except ValueError:
-        raise UsageError(f"--fit {text!r}: the start {start!r} is not a number, nor R,G,B.") from None
-
-
 def only(targets: dict[str, str]) -> str:
     """The sensor that a mask without a name belongs to."""
     if len(targets) != 1:
@@ -142,20 +131,3 @@ def printer() -> Any:
         )
 
     return show
-
-
-def summary(solution: Solution) -> str:
-    """The result as a text of a few lines."""
-    rows = []
-    parts = {name: solution.parameters[name] for name in solution.parameters}
-    for name, e in parts.items():
-        for i, component in enumerate([name] if e.kind == "number" else [f"{name}.{c}" for c in "rgb"]):
-            unit = "" if e.unit == "1" else f" {e.unit}"
-            rows.append((component, f"{e.value[i]:.6g}{unit}", f"{e.sd[i]:.2g}", f"{e.low[i]:.6g} to {e.high[i]:.6g}"))
-    head = ("parameter", "value", "sd", "95 % interval")
-    widths = [max(len(row[k]) for row in [head, *rows]) for k in range(4)]
-    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in [head, *rows]]
-    lines += ["", f"{solution.status} ({solution.seconds:.1f} s, residual {100 * solution.rms:.3g} % of the picture)"]
-    lines += [f"{name}: {c.sentence}" for name, c in solution.checks.items()]
-    lines += [f"Note: {remark}" for remark in solution.remarks]
-    return "\n".join(lines)

@@ -150,6 +150,7 @@ BAD: dict[str, tuple[str, int, tuple[str, ...]]] = {
     "negative seed": (f"{FIT} --seed -1", 2, ("seed = -1",)),
     "large seed": (f"{FIT} --seed 4294967296", 2, ("seed = 4294967296",)),
     "seed that is no number": (f"{FIT} --seed x", 2, ("--seed",)),
+    "a choice": (of(fit="ball.fresnel=schlick"), 2, ("'schlick' is not a number", "choice is made in the scene")),
     "no sample": (f"{FIT} --spp 0", 2, ("spp = 0",)),
     "three samples": (f"{FIT} --spp 3", 2, ("spp = 3", "at least 4")),
     "no iteration": (f"{FIT} --iterations 0", 2, ("iterations = 0",)),

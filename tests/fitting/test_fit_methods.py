@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import fitting
+from brdf import UsageError
 from fitting import images
 from tests.fitting import studio
 from tests.fitting.problems import grey, here, problem
@@ -151,3 +152,15 @@ def test_fits_agree(tmp_path: Path) -> None:
             assert abs(found.value[0] - truth) < 4 * found.sd[0], name
         # A rendering has noise of its own besides the target's.
         assert a.sd[0] / 1.5 < b.sd[0] < 3 * a.sd[0], name
+
+
+def test_an_id_on_the_wrapper_alone(tmp_path: Path) -> None:
+    """The message names what is inside; and a start may stand in the name, as on the command line."""
+    nameless = BALL.replace(' id="ball"', "")
+    body = f'<bsdf type="twosided" id="both">{nameless}</bsdf>'
+    path = studio.write(tmp_path, f'<shape type="sphere">{body}</shape>', camera(24), KEY)
+    target = np.full((24, 24, 3), 0.5)
+    with pytest.raises(UsageError, match=r"both: .*'twosided' has nothing to fit\. .*named both\.bsdf\.$"):
+        fitting.fit(path, {"camera": target}, ["both.m"])
+    with pytest.raises(UsageError, match=r"m = 7 is outside"):
+        fitting.fit(path, {"camera": target}, ["both.bsdf.m=7"])

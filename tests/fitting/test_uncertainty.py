@@ -25,7 +25,7 @@ def grid() -> Problem:
 def test_what_blocks_cut_of_correlated_noise(blur: float) -> None:
     """The variance of a sum, over 2000 pictures of noise, is what blocks see of it times the factor."""
     p = grid()
-    block = blocks_of(p)
+    block = blocks_of(p, 8)
     rng = np.random.default_rng(1)
     sums, seen, factors = [], [], []
     for _ in range(2000):

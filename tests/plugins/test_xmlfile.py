@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import mitsuba as mi
 import numpy as np
@@ -432,6 +433,11 @@ def test_material(world: Path, out: str, name: str) -> None:
     assert bsdf.id() == name
     for param, want in VALUES[name].items():
         assert value(bsdf, param) == single(*np.ravel(want))
+    # Files are found from wherever it is included.
+    away = world / "away"
+    away.mkdir(exist_ok=True)
+    (away / "other.xml").write_text(f'<scene version="3.0.0"><include filename="{escape(str(target))}"/></scene>')
+    assert scene.load(away / "other.xml").bsdfs[name].plugin == kind
     # All the rest is what the scene has.
     written = world / "fit.xml"
     xmlfile.rewrite(world / "scene.xml", written, {name: VALUES[name]})
