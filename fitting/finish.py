@@ -160,7 +160,8 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
     if lost.size:
         return (
             False,
-            f"Not determined by the pictures: {', '.join(lost)}. Fit fewer, add pictures, or give no starts.",
+            f"Not determined by the pictures: {', '.join(lost)}. Fit fewer, add pictures, take more samples, or give "
+            "no starts.",
         )
     x, w = run.x, run.problem.weights
     g, h = linear.gradient(w), linear.hessian(w)

@@ -37,6 +37,11 @@ def about(
     for i, name in enumerate(names):
         if not uncertainty.effect[i]:
             out.append(f"{name} has no effect on any pixel used.")
+        elif uncertainty.drowned[i]:
+            out.append(
+                f"{name} is not determined: what it does to the pictures is lost in the noise of the fit's own "
+                "samples, and the error bars of the others lack what they owe to it. Take more samples (--spp)."
+            )
         elif np.isnan(sd[i]):
             out.append(
                 f"{name} is not determined: some combination of the parameters changes no pixel. Fix one of them."

@@ -38,8 +38,8 @@ class Uncertainty:
     confusion : array, shape (p, p)
         Correlation that independent noise in each residual would cause: how alike two components act on the pictures.
         That in `covariance` has the noise's own correlations in it, such as between the channels of a pixel.
-    effect : bool array, shape (p,)
-        Whether a component changes any pixel.
+    effect, drowned : bool array, shape (p,)
+        Whether a component changes any pixel, and whether that is lost in the noise of the fit's own samples.
     quantile : array, shape (p,)
         Half width of the 95 % interval in standard deviations: Student's t, a degree of freedom for each block that
         decides on the component (Satterthwaite 1946), less one.
@@ -52,6 +52,7 @@ class Uncertainty:
     covariance: Array
     confusion: Array
     effect: npt.NDArray[np.bool_]
+    drowned: npt.NDArray[np.bool_]
     quantile: Array
     sampling_share: float
     correlation_at_4: float
@@ -104,6 +105,7 @@ def estimate(problem: Problem, linear: Linear, x: Array, held: npt.NDArray[np.bo
         covariance,
         confusion,
         effect,
+        effect & ~live,
         quantile,
         min(sampling / total, 1.0) if total > 0 else 0.0,
         far(problem, mean * np.sqrt(w)),
@@ -160,7 +162,7 @@ def deciding(
     Of 40 blocks, those two that hold a sharp highlight may say all there is about the roughness.
     """
     jacobian = (0.5 * (linear.jacobian[0] + linear.jacobian[1]))[:, live]
-    h = jacobian.T @ (w[:, None] * jacobian)
+    h = linear.rough_hessian(w)[np.ix_(live, live)]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
     inverse = np.linalg.pinv(h * np.outer(scale, scale), rcond=SINGULAR, hermitian=True)
     pull = (w[:, None] * jacobian * scale) @ inverse

@@ -72,6 +72,9 @@ def propose(problem: Problem, here: Linear, x: Array, damping: float) -> tuple[A
     """A damped step; the undamped one inside the bounds; and roughly the standard deviations."""
     w = problem.weights
     g, h = here.gradient(w), here.hessian(w)
+    if np.any(np.diag(h) <= 0):
+        # Drowned in the samples' noise. Too large a curvature makes steps short, and leaves where they lead.
+        h = here.rough_hessian(w)
     low, high = problem.parameters.low, problem.parameters.high
     held = ((x <= low) & (g > 0)) | ((x >= high) & (g < 0)) | (np.diag(h) <= 0)
     free = np.flatnonzero(~held)
