@@ -161,6 +161,8 @@ def deciding(
 
     Of 40 blocks, those two that hold a sharp highlight may say all there is about the roughness.
     """
+    if not live.size:
+        return np.ones(0)
     jacobian = (0.5 * (linear.jacobian[0] + linear.jacobian[1]))[:, live]
     h = linear.rough_hessian(w)[np.ix_(live, live)]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
