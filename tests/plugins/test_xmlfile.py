@@ -438,8 +438,6 @@ def test_material(world: Path, out: str, name: str) -> None:
     away.mkdir(exist_ok=True)
     link = escape(str(target), {'"': "&quot;"}).replace("$", "\\$")
     (away / "other.xml").write_text(f'<scene version="3.0.0"><include filename="{link}"/></scene>')
-        f'<scene version="3.0.0"><include filename="{escape(str(target), {'"': "&quot;"}).replace("$", "\\$")}"/></scene>'
-    )
     assert scene.load(away / "other.xml").bsdfs[name].plugin == kind
     # All the rest is what the scene has.
     written = world / "fit.xml"
