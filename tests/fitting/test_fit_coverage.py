@@ -89,8 +89,11 @@ def test_error_bars_cover(name: str, clean: np.ndarray, tmp_path: Path) -> None:
     z, inside = [], []
     p = problem(path, NAMES, {"camera": clean}, 16)
     start = p.parameters.free_of(TRUTH)
-    shown, scene, sensor = p.pictures[0].pixels, p.scene.scene, p.scene.sensors["camera"]  # type: ignore[attr-defined]
-    groups = [(p.pictures[0].caches[0].bsdf, shown)]  # type: ignore[attr-defined]
+    first = p.pictures[0]
+    assert isinstance(first, ExactPicture)
+    # `problem` puts the scene there to keep it alive; the class does not declare it.
+    shown, scene, sensor = first.pixels, p.scene.scene, p.scene.sensors["camera"]  # type: ignore[attr-defined]
+    groups = [(first.caches[0].bsdf, shown)]
     for seed in range(60):
         ours, others = (list[Picture]([ExactPicture(scene, sensor, groups, 16, s)]) for s in (seed, 1000 + seed))
         p.pictures = ours

@@ -12,6 +12,7 @@ import pytest
 import fitting
 from brdf import UsageError
 from fitting import images
+from fitting.picture.rendered import RenderedPicture
 from tests.fitting import studio
 from tests.fitting.problems import grey, here, problem
 from tests.fitting.studio import BALL, KEY, RIM, SPHERE, SUN, camera
@@ -88,7 +89,8 @@ def compare(path: Path, names: list[str], targets: dict[str, np.ndarray], seeds:
     rendered = []
     for seed in range(seeds):
         for number, picture in enumerate(p.pictures):
-            picture.seeds = [dr.opaque(mi.UInt32, 10_000 * number + 100 * seed + k) for k in range(4)]  # type: ignore
+            assert isinstance(picture, RenderedPicture)
+            picture.seeds = [dr.opaque(mi.UInt32, 10_000 * number + 100 * seed + k) for k in range(4)]
         one = p.linearize(x, columns)
         rendered.append(np.column_stack([p.target + one.r[0], one.jacobian[0]])[order])
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fitting.problem import Problem
-from fitting.uncertainty import blocks_of, cut
+from fitting.problem import Linear, Problem
+from fitting.uncertainty import blocks_of, cut, deciding
 
 SIZE = 64
 
@@ -37,3 +37,15 @@ def test_what_blocks_cut_of_correlated_noise(blur: float) -> None:
     # The variance of 2000 sums is known to 1 / sqrt(1000); correlations from four pixels on are left out.
     assert np.mean(factors[:50]) == pytest.approx(missing, rel=0.13)
     assert (blur > 0.6) == (np.mean(factors[:50]) > 1.1)
+
+
+def test_how_many_blocks_decide() -> None:
+    """All alike where every pixel says the same; two where a highlight lies in two blocks, whatever the base does."""
+    p = grid()
+    block = blocks_of(p, 8)
+    highlight = np.where((p.pixel // SIZE < 8) & (p.pixel % SIZE < 16), 1.0, 0.0) * np.where(p.pixel % 2, 1.0, -1.0)
+    jacobian = np.stack([np.ones(SIZE * SIZE), highlight], axis=1)
+    none = np.zeros(SIZE * SIZE)
+    linear = Linear((none, none), (jacobian, jacobian))
+    number = deciding(linear, np.ones(SIZE * SIZE), np.array([0, 1]), block)
+    np.testing.assert_allclose(number, [(SIZE / 8) ** 2, 2], rtol=1e-9)
