@@ -9,13 +9,14 @@ from . import llvm
 llvm.choose()
 
 from .errors import BrdfError, DataError, NoBackend, UsageError  # noqa: E402  (libLLVM first)
-from .model import Lobe, Model, Values, defaults, evaluate  # noqa: E402
+from .model import Ideal, Lobe, Model, Values, defaults, evaluate  # noqa: E402
 from .models import builtin  # noqa: E402
 from .param import Param, choice, colour, number  # noqa: E402
 
 __all__ = [
     "BrdfError",
     "DataError",
+    "Ideal",
     "Lobe",
     "Model",
     "NoBackend",

@@ -55,6 +55,46 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     return dr.select(refracts, dr.select(low < 0.5, low, high), 1)
 
 
+def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
+    """Unpolarised reflectance of a smooth conductor of complex index ``eta + i k``.
+
+    ``a^2 - b^2 = eta^2 - k^2 - s2``, ``a b = eta k``, ``R_s = ((a - c)^2 + b^2) / ((a + c)^2 + b^2)``, ``R_p / R_s =
+    ((a c - s2)^2 + b^2 c^2) / ((a c + s2)^2 + b^2 c^2)``, ``F = (R_s + R_p) / 2``. Of `a` and `b` the larger comes from
+    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel.
+
+    Parameters
+    ----------
+    c, s2 : float
+        Cosine (>= 0) and squared sine of the angle of incidence [1].
+    eta, k : float or colour
+        Real and imaginary part of the index of refraction, inside over outside, >= 0 and not both 0 [1].
+
+    Returns
+    -------
+    as eta and k
+        In [0, 1]; with ``k = 0`` that of `fresnel_dielectric`.
+
+    References
+    ----------
+    born1999, sec. 14.2.
+    """
+    near = (eta - 1) * (eta + 1) - k * k
+    t = dr.select(s2 < 0.5, (eta - k) * (eta + k) - s2, near + c * c)
+    positive = t >= 0
+    product = eta * k
+    modulus = dr.sqrt(t * t + 4 * product * product)
+    w2 = 0.5 * (modulus + dr.select(positive, t, -t))
+    w = dr.sqrt(dr.select(w2 > 0, w2, 1))
+    w = dr.select(w2 > 0, w, 0)
+    z = dr.select(w2 > 0, product / dr.select(w2 > 0, w, 1), 0)
+    a, b = dr.select(positive, w, z), dr.select(positive, z, w)
+    less, more = dr.select(positive, (near + b * b) / (a + c), a - c), a + c
+    b2, ac, bc = b * b, a * c, b * c
+    rs = (less * less + b2) / (more * more + b2)
+    low, high, bc2 = ac - s2, ac + s2, bc * bc
+    return 0.5 * rs * (1 + (low * low + bc2) / (high * high + bc2))
+
+
 def fresnel_schlick(c: Any, eta: Any) -> Any:
     """Schlick's approximation ``F0 + (1 - F0)(1 - c)^5`` with ``F0 = ((eta - 1)/(eta + 1))^2``.
 

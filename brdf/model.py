@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import drjit as dr
 
@@ -17,10 +17,37 @@ Values = SimpleNamespace
 
 
 class Lobe(Enum):
-    """How a part of a model spreads light."""
+    """How a part of a model spreads light: over many directions, or, if it is `ideal`, into one."""
 
     DIFFUSE = "diffuse"
     GLOSSY = "glossy"
+    MIRROR = "mirror"
+    DIFFUSE_TRANSMISSION = "diffuse transmission"
+    GLOSSY_TRANSMISSION = "glossy transmission"
+    REFRACTION = "refraction"
+    STRAIGHT = "straight"
+
+    @property
+    def ideal(self) -> bool:
+        """Whether all light of one direction goes into one direction: see `Model.ideal`."""
+        return self in (Lobe.MIRROR, Lobe.REFRACTION, Lobe.STRAIGHT)
+
+    @property
+    def transmits(self) -> bool:
+        """Whether light leaves on the other side of the surface."""
+        return self not in (Lobe.DIFFUSE, Lobe.GLOSSY, Lobe.MIRROR)
+
+
+class Ideal(NamedTuple):
+    """What an ideal lobe does with the light of one direction.
+
+    ``wo`` is where it goes, a unit vector; ``weight`` the fraction of the power that goes there, in [0, 1] (a number or
+    a colour); ``eta`` the index of refraction on the side of `wo` over that on the side of `wi`, 1 but for refraction.
+    """
+
+    wo: Any
+    weight: Any
+    eta: Any = 1.0
 
 
 class Model:
@@ -33,6 +60,11 @@ class Model:
     ``wi.z > 0`` and ``wo.z > 0``: who calls them masks the rest (`evaluate` does). They are traced by Dr.Jit, in
     float32 or float64, on one direction or millions: branch with ``dr.select``, on choices with ``if``.
 
+    A model with a lobe that transmits is asked from both sides: `wi` and `wo` may each be above or below, but not in
+    the surface. What a reflecting lobe says of a pair on opposite sides is masked as well, and what a transmitting one
+    says of a pair on the same side; it must only be finite. A smooth lobe that transmits leads into a medium of the
+    same index, as a sheet does. An ideal lobe says all in `ideal`; its entries in `f` and `pdf` are 0.
+
     Attributes
     ----------
     name : str
@@ -44,6 +76,8 @@ class Model:
     params : tuple of Param
         Numbers, colours, then choices.
     lobes : tuple of Lobe
+    trials : tuple of dict
+        Where the checks look, each as values of some parameters: the defaults, and the corners where it is hard.
     """
 
     name: ClassVar[str]
@@ -51,6 +85,7 @@ class Model:
     source: ClassVar[tuple[str, ...]] = ()
     params: ClassVar[tuple[Param, ...]] = ()
     lobes: ClassVar[tuple[Lobe, ...]] = (Lobe.DIFFUSE,)
+    trials: ClassVar[tuple[dict[str, Any], ...]] = ({},)
 
     def __init__(self, **choices: str) -> None:
         declared = {p.name: p for p in type(self).params if p.kind == "choice"}
@@ -71,17 +106,43 @@ class Model:
         """
         return tuple(p for p in self.params if p.kind != "choice")
 
+    @property
+    def transmits(self) -> bool:
+        """Whether any lobe lets light through."""
+        return any(lobe.transmits for lobe in self.lobes)
+
+    @property
+    def anisotropic(self) -> bool:
+        """Whether it changes when the surface turns about its normal, under the choices made."""
+        return False
+
+    def faults(self) -> dict[str, str]:
+        """What the model is known to break, under the choices made: ``{check: reason}``, by the names of the checks.
+
+        A check named here is expected to fail, for this reason; that it does not fail is then a failure.
+        """
+        return {}
+
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, ...]:
-        """The BRDF of each lobe [1/sr], without the cosine."""
+        """The BRDF of each lobe [1/sr], without the cosine; 0 for an ideal lobe."""
+        if all(lobe.ideal for lobe in self.lobes):
+            return (0.0,) * len(self.lobes)
         raise NotImplementedError(f"{self.name}: f is not written. A model needs at least f.")
 
+    def ideal(self, p: Values, wi: Any, lobe: int) -> Ideal:
+        """What lobe number `lobe`, an ideal one, does with light from `wi`."""
+        raise NotImplementedError(f"{self.name}: ideal is not written. A model with an ideal lobe needs it.")
+
     def sample(self, p: Values, wi: Any, u: Any, lobe: int) -> Any:
-        """A direction `wo` from lobe number `lobe`, from `u` in [0, 1)^3. Default: cosine-weighted."""
-        return geometry.cosine_hemisphere(u, wi)
+        """A direction `wo` from lobe number `lobe`, a smooth one, from `u` in [0, 1)^3. Default: cosine-weighted."""
+        wo = geometry.cosine_hemisphere(u, wi)
+        z = -wo.z if self.lobes[lobe].transmits else wo.z
+        return type(wi)(wo.x, wo.y, dr.mulsign(z, wi.z) if self.transmits else z)
 
     def pdf(self, p: Values, wi: Any, wo: Any) -> tuple[Any, ...]:
-        """The density of `sample` of each lobe, with respect to solid angle [1/sr]."""
-        return (wo.z * dr.inv_pi,) * len(self.lobes)
+        """The density of `sample` of each lobe, with respect to solid angle [1/sr]; 0 for an ideal lobe."""
+        z = abs(wo.z) if self.transmits else wo.z
+        return tuple(0.0 if lobe.ideal else z * dr.inv_pi for lobe in self.lobes)
 
     def choose(self, p: Values, wi: Any) -> tuple[Any, ...]:
         """How often each lobe is sampled, up to a factor (a Dr.Jit float >= 0 each). Default: equally."""
@@ -120,9 +181,20 @@ def defaults(model: Model, like: Any, **values: Any) -> Values:
 
 
 def evaluate(model: Model, p: Values, wi: Any, wo: Any) -> Any:
-    """The whole BRDF [1/sr]: the sum of the lobes, and 0 where either direction is not above the surface."""
-    above = (wi.z > 0) & (wo.z > 0)
+    """The whole BSDF [1/sr] but for its ideal lobes: the sum of the others.
+
+    It is 0 where either direction is not above the surface; if the model transmits, where either is in the surface.
+    """
+    counts = (wi.z != 0) & (wo.z != 0) if model.transmits else (wi.z > 0) & (wo.z > 0)
     up = type(wi)(0, 0, 1)
-    inside_i, inside_o = dr.select(above, wi, up), dr.select(above, wo, up)
-    total = sum(model.f(p, inside_i, inside_o))
-    return dr.select(above, total, 0)
+    i, o = dr.select(counts, wi, up), dr.select(counts, wo, up)
+    total = type(wi)(0)
+    for lobe, f in zip(model.lobes, model.f(p, i, o), strict=True):
+        if not lobe.ideal:
+            total += dr.select(opposite(i, o) == lobe.transmits, f, 0) if model.transmits else f
+    return dr.select(counts, total, 0)
+
+
+def opposite(wi: Any, wo: Any) -> Any:
+    """Whether two directions are on opposite sides of the surface."""
+    return (wi.z > 0) != (wo.z > 0)

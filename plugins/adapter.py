@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 from typing import Any
 
 import drjit as dr
@@ -10,8 +11,19 @@ import mitsuba as mi
 import numpy as np
 
 from brdf import Lobe, Model, Param, UsageError, Values
+from brdf.model import opposite
 
-FLAGS = {Lobe.DIFFUSE: "DiffuseReflection", Lobe.GLOSSY: "GlossyReflection"}
+from . import indices
+
+FLAGS = {
+    Lobe.DIFFUSE: "DiffuseReflection",
+    Lobe.GLOSSY: "GlossyReflection",
+    Lobe.MIRROR: "DeltaReflection",
+    Lobe.DIFFUSE_TRANSMISSION: "DiffuseTransmission",
+    Lobe.GLOSSY_TRANSMISSION: "GlossyTransmission",
+    Lobe.REFRACTION: "DeltaTransmission",
+    Lobe.STRAIGHT: "Null",
+}
 #: The largest float32 below 1: a random number stays inside [0, 1).
 BELOW_ONE = 1 - 2.0**-24
 ACCEPTED = {"Float", "Integer", "Color", "Spectrum", "Object", "ResolvedReference"}
@@ -29,9 +41,17 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
         def __init__(self, props: mi.Properties) -> None:
             mi.BSDF.__init__(self, props)
             self.model, self.textures = read(model_class, props)
-            varying = any(t.is_spatially_varying() for t in self.textures.values())
-            extra = mi.BSDFFlags.SpatiallyVarying if varying else mi.BSDFFlags.Empty
-            self.m_components = [flag_of(lobe) | mi.BSDFFlags.FrontSide | extra for lobe in self.model.lobes]
+            extra = mi.BSDFFlags.FrontSide
+            if self.model.transmits:
+                extra = extra | mi.BSDFFlags.BackSide
+            if self.model.anisotropic:
+                extra = extra | mi.BSDFFlags.Anisotropic
+            if any(t.is_spatially_varying() for t in self.textures.values()):
+                extra = extra | mi.BSDFFlags.SpatiallyVarying
+            refracts = {Lobe.REFRACTION: mi.BSDFFlags.NonSymmetric}
+            self.m_components = [
+                flag_of(lobe) | extra | refracts.get(lobe, mi.BSDFFlags.Empty) for lobe in self.model.lobes
+            ]
             self.m_flags = 0
             for component in self.m_components:
                 self.m_flags |= component
@@ -63,16 +83,33 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             return [ctx.is_enabled(flag_of(lobe), i) for i, lobe in enumerate(self.model.lobes)]
 
         def value(self, p: Values, wi: Any, wo: Any, on: list[bool]) -> Any:
-            return (
-                sum((f for f, o in zip(self.model.f(p, wi, wo), on, strict=True) if o), mi.UnpolarizedSpectrum(0))
-                * wo.z
-            )
+            """``f cos`` of the smooth lobes that are on."""
+            total = mi.UnpolarizedSpectrum(0)
+            if any(o and not lobe.ideal for o, lobe in zip(on, self.model.lobes, strict=True)):
+                for f, o, lobe in zip(self.model.f(p, wi, wo), on, self.model.lobes, strict=True):
+                    if o and not lobe.ideal:
+                        total += self.on_its_side(lobe, wi, wo, f)
+            return total * (dr.abs(wo.z) if self.model.transmits else wo.z)
 
         def density(self, p: Values, wi: Any, wo: Any, chances: list[Any]) -> Any:
             """Without gradient: with one in `eval_pdf` but none in `sample`, the two weights of multiple importance
             sampling would not add up to a constant, and a derivative through ``direct`` was seen 75 % off."""
-            parts = zip(self.model.pdf(p, wi, wo), chances, strict=True)
-            return dr.detach(sum((q * c for q, c in parts if c is not None), mi.Float(0)))
+            total = mi.Float(0)
+            if any(c is not None and not lobe.ideal for c, lobe in zip(chances, self.model.lobes, strict=True)):
+                for q, c, lobe in zip(self.model.pdf(p, wi, wo), chances, self.model.lobes, strict=True):
+                    if c is not None and not lobe.ideal:
+                        total += self.on_its_side(lobe, wi, wo, q) * c
+            return dr.detach(total)
+
+        def on_its_side(self, lobe: Lobe, wi: Any, wo: Any, x: Any) -> Any:
+            """`x`, and 0 where a lobe that reflects is asked about the other side, or one that transmits about this."""
+            return dr.select(opposite(wi, wo) == lobe.transmits, x, 0) if self.model.transmits else x
+
+        def sides(self, wi: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
+            """Where the model is asked for these directions; elsewhere they are made harmless, before anyone divides
+            by them."""
+            good = (wi.z != 0) & (wo.z != 0) & active if self.model.transmits else (wi.z > 0) & (wo.z > 0) & active
+            return good, *(mi.Vector3f(w.x, w.y, dr.select(good, w.z, 1)) for w in (wi, wo))
 
         def chances(self, p: Values, wi: Any, on: list[bool]) -> list[Any]:
             """Probability of each lobe, None for one that is switched off. Without gradient."""
@@ -89,14 +126,14 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             on = self.enabled(ctx)
             if not any(on):
                 return mi.Spectrum(0)
-            active, wi, wo = upper(si.wi, wo, active)
+            active, wi, wo = self.sides(si.wi, wo, active)
             return mi.depolarizer(self.value(self.values(si, active), wi, wo, on)) & active
 
         def pdf(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any = True) -> Any:
             on = self.enabled(ctx)
             if not any(on):
                 return mi.Float(0)
-            active, wi, wo = upper(si.wi, wo, active)
+            active, wi, wo = self.sides(si.wi, wo, active)
             p = self.values(si, active)
             return dr.select(active, self.density(p, wi, wo, self.chances(p, wi, on)), 0)
 
@@ -106,7 +143,7 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             on = self.enabled(ctx)
             if not any(on):
                 return mi.Spectrum(0), mi.Float(0)
-            active, wi, wo = upper(si.wi, wo, active)
+            active, wi, wo = self.sides(si.wi, wo, active)
             p = self.values(si, active)
             value = mi.depolarizer(self.value(p, wi, wo, on)) & active
             return value, dr.select(active, self.density(p, wi, wo, self.chances(p, wi, on)), 0)
@@ -119,15 +156,17 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             sample2: mi.Point2f,
             active: Any = True,
         ) -> tuple[mi.BSDFSample3f, Any]:
-            """Choose a lobe, then a direction from it; weight ``f cos / pdf`` with the pdf of all lobes together.
+            """Choose a lobe, then a direction from it; weight ``f cos / pdf`` with the pdf of all smooth lobes.
 
-            Direction and pdf carry no gradient, the value does: the derivative of the estimate is then unbiased.
+            Of a smooth lobe, direction and pdf carry no gradient, the value does: the derivative of the estimate is
+            then unbiased. Of an ideal lobe the direction moves with the parameters, so it carries its gradient.
             """
             bs = dr.zeros(mi.BSDFSample3f)
             on = self.enabled(ctx)
             if not any(on):
                 return bs, mi.Spectrum(0)
-            active, wi, _ = upper(si.wi, mi.Vector3f(0, 0, 1), active)
+            lobes = self.model.lobes
+            active, wi, _ = self.sides(si.wi, mi.Vector3f(0, 0, 1), active)
             p = self.values(si, active)
             chances = self.chances(p, wi, on)
             fixed = Values(**{name: dr.detach(v) for name, v in vars(p).items()})
@@ -136,7 +175,6 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
             lobe, rest = mi.UInt32(0), mi.Float(sample1)
             start = mi.Float(0)
             last = max(i for i, o in enumerate(on) if o)
-            wo = mi.Vector3f(0, 0, 1)
             for i, chance in enumerate(chances):
                 if chance is None:
                     continue
@@ -146,24 +184,40 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
                 within = (sample1 - start) / dr.select(here & (chance > 0), chance, 1)
                 rest = dr.select(here, dr.clip(within, 0, BELOW_ONE), rest)
                 start = end
-            u = mi.Vector3f(sample2.x, sample2.y, rest)
-            for i, o in enumerate(on):
-                if o:
-                    wo = dr.select(lobe == i, self.model.sample(fixed, still, u, i), wo)
-            wo = mi.Vector3f(dr.detach(wo))
-
-            good, wi, safe = upper(wi, wo, active)
-            pdf = self.density(fixed, still, safe, chances)
-            good &= pdf > 0
-            value = self.value(p, wi, safe, on) / dr.select(good, pdf, 1)
-            bs.wo = wo
-            bs.pdf = dr.select(good, pdf, 0)
             bs.eta = 1
             bs.sampled_component = lobe
             bs.sampled_type = mi.UInt32(0)
-            for i, lobe_kind in enumerate(self.model.lobes):
-                bs.sampled_type = dr.select(lobe == i, mi.UInt32(int(flag_of(lobe_kind))), bs.sampled_type)
-            return bs, mi.depolarizer(value) & good
+            for i, kind in enumerate(lobes):
+                bs.sampled_type = dr.select(lobe == i, mi.UInt32(int(flag_of(kind))), bs.sampled_type)
+
+            u = mi.Vector3f(sample2.x, sample2.y, rest)
+            wo, smooth = mi.Vector3f(0, 0, 1), mi.Bool(False)
+            for i, o in enumerate(on):
+                if o and not lobes[i].ideal:
+                    wo = dr.select(lobe == i, self.model.sample(fixed, still, u, i), wo)
+                    smooth |= lobe == i
+            value = mi.UnpolarizedSpectrum(0)
+            if any(o and not kind.ideal for o, kind in zip(on, lobes, strict=True)):
+                wo = mi.Vector3f(dr.detach(wo))
+                good, i_safe, o_safe = self.sides(wi, wo, active & smooth)
+                pdf = self.density(fixed, still, o_safe, chances)
+                good &= pdf > 0
+                value = self.value(p, i_safe, o_safe, on) / dr.select(good, pdf, 1) & good
+                bs.pdf = dr.select(good, pdf, 0)
+            for i, chance in enumerate(chances):
+                if chance is None or not lobes[i].ideal:
+                    continue
+                ideal = self.model.ideal(p, wi, i)
+                here = active & (lobe == i) & (chance > 0)
+                weight = mi.UnpolarizedSpectrum(ideal.weight) / dr.select(here, chance, 1)
+                if lobes[i] is Lobe.REFRACTION and ctx.mode == mi.TransportMode.Radiance:
+                    weight /= dr.square(ideal.eta)  # radiance is compressed on the way into a denser medium
+                wo = dr.select(here, mi.Vector3f(ideal.wo), wo)
+                value = dr.select(here, weight, value)
+                bs.pdf = dr.select(here, chance, bs.pdf)
+                bs.eta = dr.select(here, dr.detach(ideal.eta), bs.eta)
+            bs.wo = wo
+            return bs, mi.depolarizer(value) & active
 
     Plugin.__name__ = Plugin.__qualname__ = model_class.__name__
     return Plugin
@@ -172,12 +226,6 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
 def flag_of(lobe: Lobe) -> Any:
     """Mitsuba's flag for a lobe."""
     return getattr(mi.BSDFFlags, FLAGS[lobe])
-
-
-def upper(wi: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
-    """Where both directions are above the surface; elsewhere they are made harmless, before anyone divides by them."""
-    above = (wi.z > 0) & (wo.z > 0) & active
-    return above, mi.Vector3f(wi.x, wi.y, dr.select(above, wi.z, 1)), mi.Vector3f(wo.x, wo.y, dr.select(above, wo.z, 1))
 
 
 def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[str, mi.Texture]]:
@@ -189,6 +237,7 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
         An unknown property or choice, a value of the wrong kind or outside its bounds: one line.
     """
     name, choices = model_class.name, {}
+    indices.resolve(model_class, props)
     declared = {p.name: p for p in model_class.params}
     for key in props.keys():  # noqa: SIM118  (mi.Properties does not iterate)
         if key not in declared:
@@ -201,7 +250,7 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
             choices[key] = props[key]
             if not isinstance(choices[key], str):
                 raise UsageError(f"{name}: {key} takes a <string>: one of {', '.join(declared[key].options)}.")
-    model = model_class(**choices)
+    model = choose(model_class, choices, [key for key in props.keys() if key not in choices])  # noqa: SIM118
     parameters = {p.name: p for p in model.parameters()}
     for key in props.keys():  # noqa: SIM118
         if key not in parameters and key not in choices:
@@ -210,6 +259,19 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
                 f"{name}: {key!r} is not a parameter with {made}. It has: {', '.join(parameters) or 'none'}."
             )
     return model, {p.name: texture(name, p, props) for p in parameters.values()}
+
+
+def choose(model_class: type[Model], choices: dict[str, str], given: list[str]) -> Model:
+    """The model with these choices. Those left open follow from which parameters are given: `k` makes a conductor.
+
+    The first options, in the order declared, under which all given parameters exist; the defaults if there are none.
+    """
+    free = {p.name: p.options for p in model_class.params if p.kind == "choice" and p.name not in choices}
+    for options in itertools.product(*free.values()):
+        model = model_class(**choices, **dict(zip(free, options, strict=True)))
+        if {p.name for p in model.parameters()}.issuperset(given):
+            return model
+    return model_class(**choices)
 
 
 def texture(owner: str, p: Param, props: mi.Properties) -> mi.Texture:

@@ -19,6 +19,7 @@ import numpy as np
 from brdf import Param
 from brdf.param import colour, number
 
+from . import indices
 from .registry import registered
 
 #: Mitsuba's microfacet code takes no smaller alpha.
@@ -100,8 +101,10 @@ def tell_colours_apart(props: mi.Properties) -> None:
 
 def preset(plugin: str, props: mi.Properties, name: str) -> bool:
     """Whether a parameter follows from ``material="Al"``."""
-    given = plugin == "roughconductor" and name in ("eta", "k") and "material" in props
-    return given and props["material"] != "none"
+    metal = plugin == "roughconductor" or (
+        plugin in registered() and indices.MATERIAL in indices.accepted(registered()[plugin])
+    )
+    return metal and name in ("eta", "k") and "material" in props and props["material"] != "none"
 
 
 def as_xml(plugin: str, props: mi.Properties, values: Mapping[str, Value]) -> tuple[dict[str, Value | str], list[str]]:
@@ -119,9 +122,12 @@ def as_xml(plugin: str, props: mi.Properties, values: Mapping[str, Value]) -> tu
         By the names of the XML; a str is the name of a file with a spectrum.
     """
     out: dict[str, Value | str] = dict(values)
+    if "eta" in out and any(name in props for name in indices.MEDIA) and plugin in registered():
+        return out, [name for name in indices.MEDIA if name in props]
     if plugin == "roughdielectric" and "eta" in out:
-        out["int_ior"] = float(out.pop("eta")) * ior(props["ext_ior"] if "ext_ior" in props else "air")  # type: ignore[arg-type]
-    if plugin == "roughconductor" and any(preset(plugin, props, name) for name in values):
+        outside = indices.index(plugin, "ext_ior", props["ext_ior"] if "ext_ior" in props else "air")
+        out["int_ior"] = float(out.pop("eta")) * outside  # type: ignore[arg-type]
+    if any(preset(plugin, props, name) for name in values):
         metal = mi.load_dict({"type": "roughconductor", "material": props["material"]})
         params = mi.traverse(metal)
         for name in ("eta", "k"):
@@ -132,11 +138,3 @@ def as_xml(plugin: str, props: mi.Properties, values: Mapping[str, Value]) -> tu
                 out[name] = f"data/ior/{props['material']}.{name}.spd"
         return out, ["material"]
     return out, []
-
-
-def ior(given: float | str) -> float:
-    """An index of refraction given as a number, or by name as Mitsuba does: ``air`` is 1.000277."""
-    if not isinstance(given, str):
-        return float(given)
-    outside = mi.load_dict({"type": "dielectric", "int_ior": 1.0, "ext_ior": given})
-    return 1.0 / float(np.asarray(mi.traverse(outside)["eta"]).ravel()[0])

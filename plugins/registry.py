@@ -70,10 +70,10 @@ def add(model: type[Model]) -> None:
     name = getattr(model, "name", None)
     if not isinstance(name, str) or not name.isidentifier() or name != name.lower():
         raise UsageError(f"{model.__name__}: name = {name!r}. A model's name is one lower-case word.")
-    if model.f is Model.f:
-        raise UsageError(f"{name}: f is not written. A model needs at least f.")
     if not model.lobes:
         raise UsageError(f"{name}: lobes is empty. A model has at least one lobe.")
+    if model.f is Model.f and not all(lobe.ideal for lobe in model.lobes):
+        raise UsageError(f"{name}: f is not written. A model needs at least f.")
     names = [p.name for p in model.params]
     if len(set(names)) < len(names):
         raise UsageError(f"{name}: a parameter is declared twice: {', '.join(names)}.")
@@ -108,8 +108,11 @@ def try_out(model: Model) -> None:
             got = f"a tuple of {len(returned)}" if isinstance(returned, tuple) else type(returned).__name__
             want = f"a tuple with one entry a lobe, here {len(model.lobes)}"
             raise UsageError(f"{model.name}: {method} returned {got}. It returns {want}.")
-    for i in range(len(model.lobes)):
-        model.sample(p, up, u, i)
+    for i, lobe in enumerate(model.lobes):
+        if lobe.ideal:
+            model.ideal(p, up, i)
+        else:
+            model.sample(p, up, u, i)
 
 
 def publish() -> None:

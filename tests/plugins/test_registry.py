@@ -215,6 +215,7 @@ def test_a_model_with_choices_and_lobes() -> None:
 
     plugins.register(Layered)
     mi.load_dict({"type": "layered", "coat": "thin", "depth": 0.25})
+    assert "coat = thin" in mi.load_dict({"type": "layered", "depth": 0.25}).to_string(), "what is given decides"
     with pytest.raises(RuntimeError) as raised:
-        mi.load_dict({"type": "layered", "depth": 0.25})
+        mi.load_dict({"type": "layered", "depth": 0.25, "coat": "none"})
     ends_with(raised, "layered: 'depth' is not a parameter with coat = none. It has: none.")
