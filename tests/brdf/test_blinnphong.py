@@ -23,7 +23,7 @@ EXPONENTS = (0.25, 2.0, 22.0, 200.0, 2e4, 5e5)
 
 
 def grid(exponents: tuple[float, ...] = EXPONENTS, seed: int = 1) -> tuple[Array, Array, Array]:
-    wi, wo, m = (single(a) for a in directions.grid(tuple(np.sqrt(2 / np.array(exponents))), seed))
+    wi, wo, m = (single(a)[::2] for a in directions.grid(tuple(np.sqrt(2 / np.array(exponents))), seed))
     return wi, wo, single(2 / m**2)
 
 
@@ -55,8 +55,8 @@ def test_value_and_gradient(kind: str, normalization: str, oracle: dict[str, Any
     model = BlinnPhong(normalization=normalization)
     wi, wo, n = oracle["grid"]
     value, slope = lobes.holds(model, ["exponent"], 0, kind, wi, wo, [n], oracle[normalization])
-    assert value < 4
-    assert slope < 4
+    assert value < 3
+    assert slope < 2
 
 
 @pytest.mark.parametrize("normalization", KINDS)

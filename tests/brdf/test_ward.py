@@ -31,9 +31,9 @@ def grid(roughness: tuple[float, ...] = (1e-3, 0.01, 0.1, 0.5, 1.5), seed: int =
 
 
 @pytest.fixture(scope="module")
-def oracle() -> dict[str, Any]:
+def oracle() -> dict[Any, Any]:
     wi, wo, u, v = grid()
-    made: dict[str, Any] = {"grid": (wi, wo, u, v)}
+    made: dict[Any, Any] = {"grid": (wi, wo, u, v)}
     pairs = list(zip(wi.tolist(), wo.tolist(), strict=True))
     half = [[mpf(a) + mpf(b) for a, b in zip(i, o, strict=True)] for i, o in pairs]
     for by, name in enumerate(ALPHAS):
@@ -58,11 +58,11 @@ def scaled(g: textbook.Derivatives, by: float) -> textbook.Derivatives:
 @variants
 @pytest.mark.parametrize("by", [0, 1], ids=ALPHAS)
 @pytest.mark.parametrize("kind", WIDE)
-def test_value_and_gradient(kind: str, by: int, variant: str, oracle: dict[str, Any]) -> None:
+def test_value_and_gradient(kind: str, by: int, variant: str, oracle: dict[Any, Any]) -> None:
     wi, wo, *alphas = oracle["grid"]
     value, slope = lobes.holds(Ward(variant=variant), ALPHAS, by, kind, wi, wo, alphas, oracle[variant, ALPHAS[by]])
-    assert value < 4
-    assert slope < 4
+    assert value < 3
+    assert slope < 2
 
 
 @variants
