@@ -16,6 +16,11 @@ def log1p(x: Any) -> Any:
     return with_gradient(value, dr.log(u))
 
 
+def expm1(x: Any) -> Any:
+    """``exp(x) - 1`` to a few roundings for small `x`: ``2 sinh(x/2) exp(x/2)``."""
+    return with_gradient(2 * dr.sinh(x / 2) * dr.exp(x / 2), dr.exp(x))
+
+
 def with_gradient(value: Any, proxy: Any) -> Any:
     """`value`, with the derivatives of `proxy`."""
     return dr.replace_grad(value, proxy)
