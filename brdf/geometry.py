@@ -17,7 +17,8 @@ class Half(NamedTuple):
     """The geometry of a pair of directions, symmetric in the two bit for bit.
 
     ``tan2`` is tan^2 of the angle between the half vector and the normal; ``cos_d``, ``sin2_d`` belong to the angle
-    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hz`` is wi.z + wo.z.
+    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hx``, ``hy``, ``hz`` are the components of
+    wi + wo.
     """
 
     tan2: Any
@@ -25,6 +26,8 @@ class Half(NamedTuple):
     sin2_d: Any
     hh: Any
     hz: Any
+    hx: Any
+    hy: Any
 
 
 def half(wi: Any, wo: Any) -> Half:
@@ -36,7 +39,7 @@ def half(wi: Any, wo: Any) -> Half:
     h, d = wi + wo, wi - wo
     hh, dd = square(h), square(d)
     total = hh + dd
-    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z)
+    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z, h.x, h.y)
 
 
 def square(v: Any) -> Any:
