@@ -1,7 +1,8 @@
 """Fresnel reflectance of a smooth facet.
 
-Those of one direction take ``(c, s2)``: cosine and squared sine of the angle between light and facet normal, as a pair: ``1 - c^2``
-computed inside would lose the digits that decide at grazing and at the critical angle. The means are over all directions.
+Those of one direction take ``(c, s2)``: cosine and squared sine of the angle between light and facet normal, as a pair:
+``1 - c^2`` computed inside would lose the digits that decide at grazing and at the critical angle. Means are over all
+directions.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
 
 
 def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
-    """Fraction of the power that crosses a smooth dielectric surface: ``1 - fresnel_dielectric``, accurate where that is 1.
+    """Unpolarised transmittance of a smooth dielectric: the fraction of the power that crosses the surface.
 
-    Towards grazing it goes to 0 with the cosine, of which ``1 - F`` would keep no digit.
+    ``1 - fresnel_dielectric``, but towards grazing, where it goes to 0 with the cosine, not as that difference.
 
     Parameters
     ----------
@@ -180,13 +181,14 @@ def less_fifth_power(c: Any) -> Any:
 def fresnel_dielectric_mean(eta: Any) -> Any:
     """Reflectance of a smooth dielectric for light that comes evenly from all directions: ``2 integral of F c dc``.
 
-    With the amplitude ``v = (g - c)/(g + c)`` in place of the cosine the integrand is rational (see `fresnel_dielectric`):
-    ``k/8 integral from r to 1 of (1 + q^2)(1 - v^2) dv``, ``k = eta^2 - 1``, ``r = (eta - 1)/(eta + 1)``, ``q = (k (1 - v)/(2
-    v) - 1)/(1 + k (1 - v)/2)``. Its closed form is that of Walsh, here in powers of `r` and with ``(atanh r - r)/r^3`` in
-    place of ``log eta``: nothing large is left to cancel, neither near ``eta = 1``, where it is ``(eta - 1)/3``, nor above.
+    With the amplitude ``v = (g - c)/(g + c)`` of `fresnel_dielectric` in place of the cosine the integrand is rational:
+    ``k/8 integral from r to 1 of (1 + q^2)(1 - v^2) dv``, where ``k = eta^2 - 1``, ``r = (eta - 1)/(eta + 1)`` and
+    ``q = (k (1 - v)/(2 v) - 1)/(1 + k (1 - v)/2)``. The closed form is Walsh's, here in powers of `r`, and with
+    ``(atanh r - r)/r^3`` in place of ``log eta``: nothing large is left to cancel, be it near ``eta = 1``, where the mean
+    is ``(eta - 1)/3``, or above.
 
-    From inside, where part of the light is totally reflected, it follows from reciprocity: ``mean(1/eta) = 1 - (1 -
-    mean(eta))/eta^2``, whatever the law of F outside.
+    From inside, where part of the light is totally reflected, it follows from reciprocity:
+    ``mean(1/eta) = 1 - (1 - mean(eta))/eta^2``, whatever the law of F outside.
 
     Parameters
     ----------

@@ -12,14 +12,15 @@ from ..param import colour, number
 
 
 class Diffusion(Model):
-    """``f = T_i T_o R_d / pi`` with T the Fresnel transmittance of the surface and R_d the total reflectance of the dipole.
+    """``f = T_i T_o R_d / pi``: T the Fresnel transmittance of the surface, R_d the total reflectance of the dipole.
 
-    ``R_d = a'/2 exp(-s) (1 + exp(-4/3 A s))``, ``s = sqrt(3 (1 - a'))``, reduced albedo ``a' = 1/(1 + q)`` with ``q = sigma_a /
-    (sigma_s (1 - g))``, so that ``1 - a' = q/(1 + q)`` is no difference; ``A = (1 + K)/(1 - K) = (2 eta^2 - t)/t`` with `K`
-    the mean Fresnel reflectance from inside and ``t = 1 - mean F`` from outside.
+    ``R_d = a'/2 exp(-s) (1 + exp(-4/3 A s))`` with ``s = sqrt(3 (1 - a'))`` and the reduced albedo ``a' = 1/(1 + q)``,
+    ``q = sigma_a / (sigma_s (1 - g))``, so that ``1 - a' = q/(1 + q)`` is no difference. ``A = (1 + K)/(1 - K)`` is
+    ``(2 eta^2 - t)/t``, where K is the mean Fresnel reflectance from inside and ``t = 1 - mean F`` from outside.
 
-    It is the answer to even light on flat, deep material, where light leaves far from where it came in by what it gains
-    from there. It depends on q alone: a picture cannot tell the three scattering parameters apart, so fit one of them.
+    This is how deep, flat, evenly lit material reflects: as much light comes up at a point from around it as leaves it.
+    It depends on q alone: a picture does not tell the three coefficients of scattering apart, so fit one of them.
+    What is scattered only once is not in it, nor what the surface itself reflects.
 
     References
     ----------

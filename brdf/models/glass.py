@@ -14,9 +14,9 @@ from ..param import colour, number
 class Glass(Model):
     """A ray is split in two: ``specular_reflectance F`` is mirrored, ``specular_transmittance (1 - F)`` refracted.
 
-    From below the index is ``1 / eta``; past the critical angle all light is mirrored. The refracted direction moves with
-    `eta`, and carries that derivative. Weights are of power: radiance also changes by the square of the index, which is
-    left to whoever carries it.
+    From below the index is ``1 / eta``; past the critical angle all light is mirrored. The refracted direction moves
+    with `eta`, and carries that derivative. Weights are of power: radiance also changes by the square of the index,
+    which is left to whoever carries it.
 
     References
     ----------
@@ -39,7 +39,7 @@ class Glass(Model):
         colour("specular_transmittance", 1.0, "tint of the refracted light; 1 is physical"),
     )
     lobes = (Lobe.MIRROR, Lobe.REFRACTION)
-    trials = ({}, {"eta": 1.0}, {"eta": 1 / 1.333}, {"eta": 2.419})
+    trials = ({}, {"eta": 1 / 1.333}, {"eta": 2.419})
 
     def ideal(self, p: Values, wi: Any, lobe: int) -> Ideal:
         far = far_index(p, wi)
@@ -50,7 +50,7 @@ class Glass(Model):
         return Ideal(wo, p.specular_transmittance * fresnel.transmittance_dielectric(c, s2, far), far)
 
     def choose(self, p: Values, wi: Any) -> tuple[Any, Any]:
-        return tuple(dr.mean(self.ideal(p, wi, lobe).weight) for lobe in range(2))
+        return dr.mean(self.ideal(p, wi, 0).weight), dr.mean(self.ideal(p, wi, 1).weight)
 
 
 def far_index(p: Values, wi: Any) -> Any:

@@ -14,10 +14,10 @@ from ..param import choice, colour, number
 class Glazed(Model):
     """Mirror ``specular_reflectance F``, and below it ``f = diffuse (1 - F_i) (1 - F_o) / (pi eta^2 (1 - diffuse K))``.
 
-    Light crosses the coat on its way in and out, and between them meets it from inside again and again: `K` is the mean
-    reflectance of the coat from inside, of which reciprocity says ``eta^2 (1 - K) = 1 - mean F``, whatever the law of F.
-    So the denominator is ``pi (eta^2 (1 - diffuse) + diffuse (1 - mean F))``, a sum of positive terms. The two lobes are
-    coupled: a white base reflects all that arrives, with any coat. A black one leaves the mirror, a black glazed ball.
+    Light crosses the coat on its way in and out, and between them meets it from inside again and again: K is the mean
+    reflectance of the coat from inside. Reciprocity says ``eta^2 (1 - K) = 1 - mean F``, whatever the law of F, so that
+    the denominator is ``pi (eta^2 (1 - diffuse) + diffuse (1 - mean F))``, a sum of positive terms. The two lobes are
+    coupled: a white base reflects all that arrives, under any coat; a black one leaves the mirror.
 
     With ``fresnel="constant"`` F is that of normal incidence, ``((eta - 1)/(eta + 1))^2``, at all angles.
 

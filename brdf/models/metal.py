@@ -6,7 +6,7 @@ from typing import Any
 
 from .. import fresnel, geometry
 from ..model import Ideal, Lobe, Model, Values
-from ..param import Param, colour
+from ..param import colour
 
 
 class Metal(Model):
