@@ -184,8 +184,8 @@ def fresnel_dielectric_mean(eta: Any) -> Any:
     With the amplitude ``v = (g - c)/(g + c)`` of `fresnel_dielectric` in place of the cosine the integrand is rational:
     ``k/8 integral from r to 1 of (1 + q^2)(1 - v^2) dv``, where ``k = eta^2 - 1``, ``r = (eta - 1)/(eta + 1)`` and
     ``q = (k (1 - v)/(2 v) - 1)/(1 + k (1 - v)/2)``. The closed form is Walsh's, here in powers of `r`, and with
-    ``(atanh r - r)/r^3`` in place of ``log eta``: nothing large is left to cancel, be it near ``eta = 1``, where the mean
-    is ``(eta - 1)/3``, or above.
+    ``(atanh r - r)/r^3`` in place of ``log eta``: nothing large is left to cancel, neither near ``eta = 1``, where the
+    mean is ``(eta - 1)/3``, nor above.
 
     From inside, where part of the light is totally reflected, it follows from reciprocity:
     ``mean(1/eta) = 1 - (1 - mean(eta))/eta^2``, whatever the law of F outside.

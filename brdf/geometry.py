@@ -58,8 +58,8 @@ def reflect_about(w: Any, m: Any) -> Any:
 def refract(w: Any, eta: Any) -> tuple[Any, Any]:
     """Where light from `w`, above or below, goes behind a smooth surface (Snell's law), and whether it does.
 
-    In the surface ``-(w.x, w.y) / eta``; along the normal ``sqrt(1 - s2 / eta^2) = sqrt(eta^2 - 1 + c^2) / eta``, whichever
-    does not cancel. Under total internal reflection the direction is ``-w``, which means nothing.
+    In the surface ``-(w.x, w.y) / eta``; along the normal ``sqrt(1 - s2 / eta^2) = sqrt(eta^2 - 1 + c^2) / eta``,
+    whichever does not cancel. Under total internal reflection the direction is ``-w``, which means nothing.
 
     Parameters
     ----------
