@@ -52,6 +52,12 @@ class Glass(Model):
     def choose(self, p: Values, wi: Any) -> tuple[Any, Any]:
         return dr.mean(self.ideal(p, wi, 0).weight), dr.mean(self.ideal(p, wi, 1).weight)
 
+    def faults(self) -> dict[str, str]:
+        return {
+            "gradient_path": "path cuts the derivative of the refracted direction, which moves with eta",
+            "gradient_prb": "prb takes derivatives from eval, which is 0 for an ideal lobe: it has none to take, and raises",
+        }
+
 
 def far_index(p: Values, wi: Any) -> Any:
     """The index of refraction on the other side of the surface over that on the side of `wi`."""

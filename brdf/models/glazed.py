@@ -59,6 +59,12 @@ class Glazed(Model):
         diffuse = dr.mean(self.base(p)) * self.transmittance(p, wi) * (1 - self.mean_reflectance(p))
         return dr.mean(p.specular_reflectance) * self.reflectance(p, wi), diffuse
 
+    def faults(self) -> dict[str, str]:
+        return {
+            "gradient_prb": "prb takes derivatives from eval, which has no mirror in it, and weighs them as if the diffuse "
+            "lobe had been sampled where the mirror was"
+        }
+
     def base(self, p: Values) -> Any:
         """``diffuse / (eta^2 (1 - diffuse K))``: what the base sends up for what has come in through the coat."""
         kd = p.diffuse_reflectance
