@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import fitting  # before mitsuba: it chooses the libLLVM  # isort: skip  # noqa: F401
@@ -136,7 +135,8 @@ def vase(material: dict[str, Any], x: float) -> mi.Object:
     ).reshape(-1, 3)
     i, j = (a.ravel() for a in np.meshgrid(np.arange(len(t) - 1), np.arange(len(turn) - 1), indexing="ij"))
     a = i * len(turn) + j
-    faces = np.concatenate([np.stack([a, a + len(turn), a + 1], 1), np.stack([a + 1, a + len(turn), a + len(turn) + 1], 1)])
+    b = a + len(turn)
+    faces = np.concatenate([np.stack([a, b, a + 1], 1), np.stack([a + 1, b, b + 1], 1)])
     props = mi.Properties()
     props["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": material})
     mesh = mi.Mesh("vase", len(points), len(faces), has_vertex_normals=True, props=props)
@@ -156,7 +156,7 @@ def smooth(at: Array, values: Array, t: Array) -> Array:
 
 
 def vases() -> Figure:
-    """After Cook and Torrance 1981: copper, whose highlight has its colour, and plastic of that colour, whose has not."""
+    """After Cook and Torrance 1981: copper, whose highlight has its colour, and plastic, whose highlight has none."""
     to = mi.ScalarTransform4f
     metal = {"type": "cooktorrance", "material": "Cu", "m": 0.25, "diffuse_reflectance": 0.0}
     plastic = {"type": "cooktorrance", "eta": 1.5, "m": 0.15, "diffuse_reflectance": COPPER}
