@@ -90,7 +90,9 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
 
     ``a^2 - b^2 = eta^2 - k^2 - s2``, ``a b = eta k``, ``R_s = ((a - c)^2 + b^2) / ((a + c)^2 + b^2)``, ``R_p / R_s =
     ((a c - s2)^2 + b^2 c^2) / ((a c + s2)^2 + b^2 c^2)``, ``F = (R_s + R_p) / 2``. Of `a` and `b` the larger comes from
-    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel.
+    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel. Above 1/2, where metals
+    are, it is ``1 - T`` with the absorbed ``T = 2 a c / ((a + c)^2 + b^2) (1 + (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2
+    c^2))``, a product of sums of positive terms, so that its gradient does not cancel towards grazing.
 
     Parameters
     ----------
@@ -119,10 +121,11 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     z = dr.select(w2 > 0, product / dr.select(w2 > 0, w, 1), 0)
     a, b = dr.select(positive, w, z), dr.select(positive, z, w)
     less, more = dr.select(positive, (near + b * b) / (a + c), a - c), a + c
-    b2, ac, bc = b * b, a * c, b * c
-    rs = (less * less + b2) / (more * more + b2)
-    low, high, bc2 = ac - s2, ac + s2, bc * bc
-    return 0.5 * rs * (1 + (low * low + bc2) / (high * high + bc2))
+    b2, ac, bc2 = b * b, a * c, dr.square(b * c)
+    across, along = more * more + b2, dr.square(ac + s2) + bc2
+    reflected = 0.5 * ((less * less + b2) / across) * (1 + (dr.square(ac - s2) + bc2) / along)
+    absorbed = 2 * (ac / across) * (1 + (a * a + b2 + s2) / along)
+    return dr.select(reflected < 0.5, reflected, 1 - absorbed)
 
 
 def fresnel_schlick(c: Any, eta: Any) -> Any:
