@@ -91,8 +91,8 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     ``a^2 - b^2 = eta^2 - k^2 - s2``, ``a b = eta k``, ``R_s = ((a - c)^2 + b^2) / ((a + c)^2 + b^2)``, ``R_p / R_s =
     ((a c - s2)^2 + b^2 c^2) / ((a c + s2)^2 + b^2 c^2)``, ``F = (R_s + R_p) / 2``. Of `a` and `b` the larger comes from
     a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel. Where F is near 1, as
-    that of metals and at grazing, it is ``1 - T`` with the transmittance as a product of positive terms: ``T = 2 a c (1 +
-    (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2 c^2)) / ((a + c)^2 + b^2)``.
+    that of metals and at grazing, it is ``1 - T`` with the transmittance as a product of positive terms,
+    ``T = 2 a c (1 + (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2 c^2)) / ((a + c)^2 + b^2)``.
 
     Parameters
     ----------
@@ -113,11 +113,9 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     near = (eta - 1) * (eta + 1) - k * k
     t = dr.select(s2 < 0.5, (eta - k) * (eta + k) - s2, near + c * c)
     positive = t >= 0
-    product, size = eta * k, dr.select(positive, t, -t)
-    squared = t * t + 4 * product * product
-    some = squared > 0  # it may underflow
-    modulus = dr.select(some, dr.sqrt(dr.select(some, squared, 1)), size)
-    w2 = 0.5 * (modulus + size)
+    product = eta * k
+    modulus = dr.sqrt(t * t + 4 * product * product)
+    w2 = 0.5 * (modulus + dr.select(positive, t, -t))
     w = dr.sqrt(dr.select(w2 > 0, w2, 1))
     w = dr.select(w2 > 0, w, 0)
     z = dr.select(w2 > 0, product / dr.select(w2 > 0, w, 1), 0)

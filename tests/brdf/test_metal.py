@@ -89,7 +89,7 @@ def test_finite_at_the_bounds(kind: str) -> None:
     vector = VECTORS[kind]
     number = dr.value_t(vector)
     ends = (0.0, 1e-3, 1.0, 20.0)
-    rows = [(c, n, k) for c in (1.0, 0.5, 1e-7, 1e-12) for n in ends for k in ends]
+    rows = [(c, n, k) for c in (1.0, 0.5, 1e-7, 1e-9) for n in ends for k in ends]
     c, n, k = np.array(rows).T
     wi = vector(*np.array([directions.unit(x, 0.4) for x in c]).T)
     eta, kappa = number(n), number(k)

@@ -123,7 +123,7 @@ def test_gradient_of_refraction(kind: str, component: int) -> None:
             float(mpmath.diff(lambda n, v=v: optics.refracted([mpf(x) for x in v], n)[component], mpf(at[0])))
             for v in w
         ]
-        got = slope(lambda n: geometry.refract(vector(*w.T), n)[0][component], kind, at)
+        got = slope(lambda n, w=w: geometry.refract(vector(*w.T), n)[0][component], kind, at)
         np.testing.assert_allclose(got, want, rtol=limit(kind, 5e-6, 2e-14))
 
 
