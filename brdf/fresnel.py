@@ -90,16 +90,16 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
 
     ``a^2 - b^2 = eta^2 - k^2 - s2``, ``a b = eta k``, ``R_s = ((a - c)^2 + b^2) / ((a + c)^2 + b^2)``, ``R_p / R_s =
     ((a c - s2)^2 + b^2 c^2) / ((a c + s2)^2 + b^2 c^2)``, ``F = (R_s + R_p) / 2``. Of `a` and `b` the larger comes from
-    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel. Above 1/2, where metals
-    are, it is ``1 - T`` with the absorbed ``T = 2 a c / ((a + c)^2 + b^2) (1 + (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2
-    c^2))``, a product of sums of positive terms, so that its gradient does not cancel towards grazing.
+    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel. Where F is near 1, as
+    that of metals and at grazing, it is ``1 - T`` with the transmittance as a product of positive terms,
+    ``T = 2 a c (1 + (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2 c^2)) / ((a + c)^2 + b^2)``.
 
     Parameters
     ----------
     c, s2 : float
         Cosine (>= 0) and squared sine of the angle of incidence [1].
     eta, k : float or colour
-        Real and imaginary part of the index of refraction, inside over outside, >= 0 and not both 0 [1].
+        Real and imaginary part of the index of refraction, inside over outside, >= 0 [1].
 
     Returns
     -------
@@ -121,11 +121,14 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     z = dr.select(w2 > 0, product / dr.select(w2 > 0, w, 1), 0)
     a, b = dr.select(positive, w, z), dr.select(positive, z, w)
     less, more = dr.select(positive, (near + b * b) / (a + c), a - c), a + c
-    b2, ac, bc2 = b * b, a * c, dr.square(b * c)
-    across, along = more * more + b2, dr.square(ac + s2) + bc2
-    reflected = 0.5 * ((less * less + b2) / across) * (1 + (dr.square(ac - s2) + bc2) / along)
-    absorbed = 2 * (ac / across) * (1 + (a * a + b2 + s2) / along)
-    return dr.select(reflected < 0.5, reflected, 1 - absorbed)
+    b2, ac, bc = b * b, a * c, b * c
+    bottom = more * more + b2
+    minus, plus, bc2 = ac - s2, ac + s2, bc * bc
+    bottom_p = plus * plus + bc2
+    bottom_p = dr.select(bottom_p > 0, bottom_p, 1)  # eta = k = 0 at normal incidence
+    low = 0.5 * (less * less + b2) / bottom * (1 + (minus * minus + bc2) / bottom_p)
+    transmitted = 2 * ac / bottom * (1 + (a * a + b2 + s2) / bottom_p)
+    return dr.select(low < 0.5, low, 1 - transmitted)
 
 
 def fresnel_schlick(c: Any, eta: Any) -> Any:

@@ -55,7 +55,7 @@ class Glass(Model):
     def faults(self) -> dict[str, str]:
         return {
             "gradient_path": "path cuts the derivative of the refracted direction, which moves with eta",
-            "gradient_prb": "prb takes derivatives from eval, which is 0 for an ideal lobe: it has none to take, and raises",
+            "gradient_prb": "prb takes derivatives from eval, which is 0 for an ideal lobe: it finds none, and raises",
         }
 
 

@@ -61,8 +61,7 @@ class Glazed(Model):
 
     def faults(self) -> dict[str, str]:
         return {
-            "gradient_prb": "prb takes derivatives from eval, which has no mirror in it, and weighs them as if the diffuse "
-            "lobe had been sampled where the mirror was"
+            "gradient_prb": "prb takes derivatives from eval: where the mirror was sampled it finds the diffuse lobe's"
         }
 
     def base(self, p: Values) -> Any:

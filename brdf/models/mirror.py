@@ -28,5 +28,5 @@ class Mirror(Model):
 
     def faults(self) -> dict[str, str]:
         return {
-            "gradient_prb": "prb takes derivatives from eval, which is 0 for an ideal lobe: it has none to take, and raises"
+            "gradient_prb": "prb takes derivatives from eval, which is 0 for an ideal lobe: it finds none, and raises"
         }
