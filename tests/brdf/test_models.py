@@ -35,9 +35,7 @@ def instances() -> list[Model]:
         options = {p.name: p.options for p in model.params if p.kind == "choice"}
         usual = {name: known[0] for name, known in options.items()}
         several = {name: known for name, known in options.items() if name in TOGETHER}
-        made += [
-            model(**{**usual, **dict(zip(several, c, strict=True))}) for c in itertools.product(*several.values())
-        ]
+        made += [model(**{**usual, **dict(zip(several, c, strict=True))}) for c in itertools.product(*several.values())]
         made += [
             model(**{**usual, name: option})
             for name, known in options.items()

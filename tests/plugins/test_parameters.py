@@ -198,7 +198,10 @@ ERRORS = [
         '<string name="fresnel" value="snell"/>',
         "cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant, conductor.",
     ),
-    ('<float name="fresnel" value="1"/>', "cooktorrance: fresnel takes a <string>: one of exact, schlick, constant, conductor."),
+    (
+        '<float name="fresnel" value="1"/>',
+        "cooktorrance: fresnel takes a <string>: one of exact, schlick, constant, conductor.",
+    ),
     (
         '<string name="fresnel" value="constant"/><float name="eta" value="1.5"/>',
         "cooktorrance: 'eta' is not a parameter with fresnel = constant, masking = vcavity, distribution = beckmann, "
