@@ -116,7 +116,7 @@ def blinn_d_half(tan2: Any, m: Any) -> Any:
 
     References
     ----------
-    blinn1977; walter2007, eq. 30 and sec. 5.3 (the exponent).
+    blinn1977; walter2007 (Phong's distribution: the constant, and the exponent that matches).
     """
     e = log1p(tan2) / m / m * ((1 - m) * (1 + m))
     return dr.exp(-0.5 * dr.minimum(e, EXPONENT_CAP[is_double(tan2)])) / m
@@ -150,7 +150,7 @@ def roughness_of_normal(g: Half, m_u: Any, m_v: Any) -> Any:
 
     References
     ----------
-    walter2007; ashikhmin2000 (the exponent between two); heitz2014.
+    ashikhmin2000 (Blinn's, between two exponents); heitz2018 (GGX).
     """
     r2, q = g.hx * g.hx + g.hy * g.hy, dr.square(g.hx / m_u) + dr.square(g.hy / m_v)
     tilted = r2 > 0
@@ -331,7 +331,7 @@ class Distribution(NamedTuple):
     g1: Callable[[Any, Any], Any]
 
 
-#: By name. Blinn's has no closed form of Smith's masking: as for Phong's in walter2007 (sec. 5.3), Beckmann's stands in.
+#: By name. Blinn's has no closed form of Smith's masking: Beckmann's stands in, as walter2007 advises for Phong's.
 DISTRIBUTIONS = {
     "beckmann": Distribution(beckmann_d_half, beckmann_tangent, smith_g1),
     "ggx": Distribution(ggx_d_half, ggx_tangent, ggx_g1),

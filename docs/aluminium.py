@@ -19,8 +19,8 @@ from plugins import indices
 
 Array = npt.NDArray[np.float64]
 
-#: Angles of incidence [degrees], and of those the ones whose curves are drawn in colour.
-INCIDENT, SHOWN = (15, 45, 60, 75), (45, 60, 75)
+#: Angles of incidence [degrees].
+SHOWN = (45, 60, 75)
 #: Roughness of the aluminium; exponent of a Phong lobe about as wide.
 M, EXPONENT = 0.3, 22.0
 HEIGHT = 3.4
@@ -46,8 +46,12 @@ def draw(axes: Axes, model: Model, **values: object) -> list[tuple[float, float]
         axes.axvline(incident, color=colour, linewidth=0.8, linestyle=(0, (4, 3)), alpha=0.7)
         axes.plot(outgoing, f, color=colour, linewidth=1.8)
         axes.plot([top], [f.max()], "o", color=colour, markersize=5)
-        label = f"{incident}°: maximum at {top:.0f}°" if abs(top - incident) > 0.1 else f"{incident}°: in the mirror"
-        axes.annotate(label, (top, f.max()), (-6, 6), textcoords="offset points", color=colour, ha="right", fontsize=9)
+        label = f"{incident}°, maximum at {top:.0f}°" if abs(top - incident) > 0.1 else f"{incident}°, maximum there"
+        axes.plot([], [], color=colour, linewidth=1.8, label=label)
+    legend = axes.legend(loc="upper left", frameon=False, fontsize=9, title="light from")
+    legend.get_title().set_color(SOFT)
+    for text in (legend.get_title(), *legend.get_texts()):
+        text.set_color(SOFT)
     axes.set_xlim(0, 90)
     axes.set_xticks([0, 15, 30, 45, 60, 75, 90], [f"{d}°" for d in (0, 15, 30, 45, 60, 75, 90)])
     axes.tick_params(colors=SOFT, labelsize=9)
@@ -68,8 +72,8 @@ def plot() -> Figure:
     print("cooktorrance:", draw(left, metal, m=M, **index))
     print("phong:", draw(right, Phong(normalization="modified"), exponent=EXPONENT))
     left.set_ylabel("f / f in the mirror direction", color=INK)
-    left.set_ylim(0, 1.12 * left.get_ylim()[1])
-    right.set_ylim(0, 1.25)
+    left.set_ylim(0, 3.6)
+    right.set_ylim(0, 1.6)
     heading(figure, 0.277, f"aluminium, V-cavities, m = {M:g}", 0.91)
     heading(figure, 0.772, f"Phong, exponent {EXPONENT:g}", 0.91)
     return figure

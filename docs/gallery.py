@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 from pictures import HERE, STYLE, WIDTH, card, heading
+from scipy.interpolate import CubicSpline
 
 import plugins
 from fitting.images import to_srgb
@@ -22,6 +23,8 @@ BALL, BALL_SPP = 224, 512
 VASES, VASES_SPP = (880, 520), 512
 #: Balls in a row.
 COLUMNS = 7
+#: Dots an inch: fewer than for drawings, since photographs do not compress.
+DOTS = 100
 
 COPPER = {"type": "rgb", "value": [0.62, 0.27, 0.11]}
 RED = {"type": "rgb", "value": [0.45, 0.06, 0.04]}
@@ -45,7 +48,11 @@ MATERIALS: dict[str, dict[str, Any]] = {
         "thickness": 0.6,
         "g": 0.3,
     },
-    "kajiyakay": {"diffuse_reflectance": {"type": "rgb", "value": [0.3, 0.16, 0.08]}, "specular_reflectance": 0.35},
+    "kajiyakay": {
+        "diffuse_reflectance": {"type": "rgb", "value": [0.16, 0.07, 0.03]},
+        "specular_reflectance": 0.08,
+        "exponent": 40.0,
+    },
     "lambertian": {"reflectance": SAND},
     "metal": {"material": "Au"},
     "mirror": {"specular_reflectance": 0.9},
@@ -123,12 +130,11 @@ def gallery() -> Figure:
 
 def vase(material: dict[str, Any], x: float) -> mi.Object:
     """A vase, a profile turned about the vertical axis."""
-    heights = np.array([0.0, 0.02, 0.1, 0.35, 0.7, 1.05, 1.35, 1.6, 1.8, 1.95, 2.05, 2.1])
-    radii = np.array([0.36, 0.42, 0.46, 0.62, 0.74, 0.68, 0.46, 0.3, 0.27, 0.33, 0.42, 0.45])
-    t = np.linspace(0, 1, 160)
+    heights = np.array([0.0, 0.06, 0.35, 0.85, 1.35, 1.7, 1.9, 2.1])
+    radii = np.array([0.38, 0.44, 0.62, 0.76, 0.47, 0.28, 0.3, 0.46])
+    t = np.linspace(0, 1, 240)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(heights), np.diff(radii)))])
-    r = smooth(along / along[-1], radii, t)
-    y = smooth(along / along[-1], heights, t)
+    r, y = (CubicSpline(along / along[-1], values)(t) for values in (radii, heights))
     turn = np.linspace(0, 2 * np.pi, 193)
     points = np.stack(
         [x + r[:, None] * np.cos(turn), np.broadcast_to(y[:, None], (len(t), len(turn))), r[:, None] * np.sin(turn)], -1
@@ -148,18 +154,13 @@ def vase(material: dict[str, Any], x: float) -> mi.Object:
     return mesh
 
 
-def smooth(at: Array, values: Array, t: Array) -> Array:
-    """A smooth curve through some values."""
-    from scipy.interpolate import PchipInterpolator
-
-    return np.asarray(PchipInterpolator(at, values)(t))
-
-
 def vases() -> Figure:
     """After Cook and Torrance 1981: copper, whose highlight has its colour, and plastic, whose highlight has none."""
     to = mi.ScalarTransform4f
     metal = {"type": "cooktorrance", "material": "Cu", "m": 0.25, "diffuse_reflectance": 0.0}
     plastic = {"type": "cooktorrance", "eta": 1.5, "m": 0.15, "diffuse_reflectance": COPPER}
+
+    grey = {"type": "lambertian", "reflectance": 0.2}
 
     def lamp(at: list[float], size: float, radiance: float) -> dict[str, Any]:
         place = to().look_at(at, [0, 1, 0], [0, 1, 0]).scale(size)
@@ -170,14 +171,15 @@ def vases() -> Figure:
         "integrator": {"type": "path", "max_depth": 6},
         "left": lamp([-4.2, 4.6, 4.0], 0.5, 42.0),
         "right": lamp([4.6, 3.4, 3.2], 0.45, 34.0),
-        "sky": {"type": "constant", "radiance": 0.1},
-        "floor": floor(0, 9, 1),
+        "sky": {"type": "constant", "radiance": 0.03},
+        "floor": {"type": "rectangle", "to_world": to().rotate([1, 0, 0], -90).scale(12), "bsdf": grey},
+        "wall": {"type": "rectangle", "to_world": to().translate([0, 0, -4]).scale(12), "bsdf": grey},
         "metal": vase(metal, -0.95),
         "plastic": vase(plastic, 0.95),
         "camera": {
             "type": "perspective",
             "fov": 38,
-            "to_world": to().look_at([0, 1.9, 6.2], [0, 1.0, 0], [0, 1, 0]),
+            "to_world": to().look_at([0, 1.9, 6.2], [0, 1.02, 0], [0, 1, 0]),
             "film": {"type": "hdrfilm", "width": VASES[0], "height": VASES[1]},
         },
     })  # fmt: skip
@@ -198,7 +200,7 @@ def main() -> None:
     plugins.register()
     with matplotlib.rc_context(STYLE):
         for name, drawing in (("gallery", gallery), ("vases", vases)):
-            drawing().savefig(HERE / f"{name}.png", metadata={"Software": None})
+            drawing().savefig(HERE / f"{name}.png", dpi=DOTS, metadata={"Software": None})
             print(HERE / f"{name}.png")
 
 

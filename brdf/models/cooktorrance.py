@@ -108,7 +108,7 @@ class CookTorrance(Model):
         ),
     )
     lobes = (Lobe.DIFFUSE, Lobe.GLOSSY)
-    trials = ({}, {"m": 0.01, "m_u": 0.01, "m_v": 0.03}, {"m": 1.0, "m_u": 1.0, "m_v": 0.3})
+    trials = ({}, {"m": 0.005, "m_u": 0.005, "m_v": 0.01}, {"m": 1.0, "m_u": 1.0, "m_v": 0.7})
 
     fresnel: str
     masking: str
@@ -141,6 +141,8 @@ class CookTorrance(Model):
             found["energy"] = f"the constant of {self.normalization} is more than the 1/4 by which energy is conserved"
         elif self.masking == "none":
             found["energy"] = "without masking, facets that hide each other reflect all the same"
+        elif self.masking == "smith" and self.distribution == "blinn" and self.fresnel in ("constant", "conductor"):
+            found["energy"] = "Beckmann's masking stands in for Blinn's, which from m = 0.5 on is less than needed"
         return found
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any]:
