@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -55,11 +56,14 @@ class Oracle:
         self.by_sigma: dict[str, Array] = {}
         self.by_reflectance: dict[str, Array] = {}
         for variant in VARIANTS:
+            printed = partial(diffuse.orennayar, variant)
             rows = [
                 (
-                    diffuse.orennayar(variant, i, o, mpf(WHITENESS), mpf(s)),
-                    mpmath.diff(lambda x, i=i, o=o: diffuse.orennayar(variant, i, o, mpf(WHITENESS), x), mpf(s)),
-                    mpmath.diff(lambda x, i=i, o=o, s=s: diffuse.orennayar(variant, i, o, x, mpf(s)), mpf(WHITENESS)),
+                    printed(i, o, mpf(WHITENESS), mpf(s)),
+                    mpmath.diff(partial(printed, i, o, mpf(WHITENESS)), mpf(s)),
+                    mpmath.diff(
+                        lambda r, i=i, o=o, s=s, v=variant: diffuse.orennayar(v, i, o, r, mpf(s)), mpf(WHITENESS)
+                    ),
                 )
                 for i, o, s in zip(self.wi, self.wo, self.sigma, strict=True)
             ]

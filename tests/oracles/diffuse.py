@@ -22,7 +22,8 @@ def angles(wi: Vector, wo: Vector) -> tuple[Any, Any, Any]:
 
 def orennayar(variant: str, wi: Vector, wo: Vector, reflectance: Any, sigma: Any) -> Any:
     theta_i, theta_o, phi = angles(wi, wo)
-    alpha, beta, c, pi = max(theta_i, theta_o), min(theta_i, theta_o), mpmath.cos(phi), mpmath.pi
+    alpha, beta, pi = max(theta_i, theta_o), min(theta_i, theta_o), mpmath.pi
+    c: Any = mpmath.cos(phi)
     # The printed decimals as they are, not as the float64 next to them.
     half, c1, c2, c3, double = mpf("0.5"), mpf("0.33"), mpf("0.09"), mpf("0.125"), mpf("0.13")
     s2 = sigma**2
