@@ -29,7 +29,7 @@ ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0, 85.0, 88.0, 89.9)
 SIDE = 32
 
 
-class Check(NamedTuple):
+class Glance(NamedTuple):
     """What was found.
 
     ``reciprocity_max`` is the largest ``|f(wi,wo) - f(wo,wi)| / max`` of the two; ``albedo_max`` the largest
@@ -43,7 +43,7 @@ class Check(NamedTuple):
     albedo_angle: float
 
 
-def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
+def glance(bsdf: mi.BSDF, seed: int = 0) -> Glance:
     """Try a BSDF on its reflecting side, at the middle of its textures.
 
     Reciprocity: ``eval / cos`` of random pairs and of the same pairs exchanged. Energy: the mean of what `sample`
@@ -84,7 +84,7 @@ def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
     weights = np.broadcast_to(channels(weight), (dr.size_v(weight), n * len(angles)))
     found = [summarise(w.reshape(len(w), BATCHES, -1)) for w in np.split(weights, len(angles), axis=1)]
     worst = max(range(len(found)), key=lambda i: found[i][0] if math.isfinite(found[i][0]) else math.inf)
-    return Check(difference, *found[worst], float(angles[worst]))
+    return Glance(difference, *found[worst], float(angles[worst]))
 
 
 def interaction(wi: mi.Vector3f) -> mi.SurfaceInteraction3f:
