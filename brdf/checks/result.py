@@ -52,7 +52,7 @@ class Finding:
 def at_most(figure: float, limit: float, reason: str, case: Mapping[str, Any]) -> Finding:
     """Passed if ``figure <= limit``; `reason` is said if not."""
     passed = figure <= limit
-    badness = figure / limit if limit > 0 else float(not passed) * math.inf
+    badness = figure / limit if limit > 0 else 0.0 if passed else math.inf
     return Finding(passed, figure, limit, math.inf if math.isnan(badness) else badness, "" if passed else reason, case)
 
 

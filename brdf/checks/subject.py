@@ -65,6 +65,8 @@ class Subject(ABC):
     vector : type of Dr.Jit 3-vector
         Gives precision and backend.
     lobes : tuple of Part
+    anisotropic : bool
+        Whether it changes when the surface turns about its normal.
     settings : dict
         Plain values that make this subject: parameters and choices.
     """
@@ -72,6 +74,7 @@ class Subject(ABC):
     name: str
     vector: Any
     lobes: tuple[Part, ...]
+    anisotropic: bool
     settings: dict[str, Any]
 
     @abstractmethod
@@ -134,6 +137,7 @@ class ModelSubject(Subject):
     def __init__(self, model: Model, vector: Any = Array3f64, **values: Any) -> None:
         self.model, self.vector, self.name = model, vector, model.name
         self.lobes = tuple(part_of(i, lobe) for i, lobe in enumerate(model.lobes))
+        self.anisotropic = model.anisotropic
         self.values: Values = defaults(model, vector, **values)
         dr.make_opaque(vars(self.values))  # one kernel for all values
         choices = {p.name: getattr(model, p.name) for p in model.params if p.kind == "choice"}
