@@ -114,7 +114,9 @@ def compare(
     natural = here / max(float(np.abs(plain).max()), REACHED)
     scale = np.maximum(np.maximum(np.abs(want), np.abs(got)), FLOOR[number] * natural)
     with np.errstate(invalid="ignore"):
-        excess = np.maximum(np.abs(got - want) - DOUBT * error, 0)
+        apart = np.abs(got - want)
+        known = DOUBT * error <= LIMIT[number] * scale  # else only what exceeds the doubt counts
+        excess = np.where(known, apart, np.maximum(apart - DOUBT * error, 0))
         off = np.where(scale > TINY, excess / np.where(scale > TINY, scale, 1), 0)
     told = np.isfinite(want) & np.isfinite(error) & np.isfinite(got)  # what is not finite is another check's
     off = np.where(told, off, 0).max(axis=0)

@@ -58,9 +58,9 @@ def off_specular(subject: Subject, lobe: int) -> Finding:
     if seen.min() >= (1 - FLAT) * top:
         return not_asked(f"The lobe {name} looks the same from everywhere.")
     width = float(np.trapezoid(seen >= 0.5 * top, angles))
-    if width < SHARP:
-        return not_asked(f"The lobe {name} is too sharp to tell, {width:.2g} deg wide.")
     around = float(angles[int(np.argmax(seen))])
+    if width < SHARP and abs(around - INCIDENCE) < SHARP:
+        return not_asked(f"The lobe {name} is too sharp to tell, {width:.2g} deg wide.")
     finer = np.clip(around + np.arange(-COARSE, COARSE + FINE / 2, FINE), -GRAZING, GRAZING)
     again = profile(subject, lobe, finer)
     if abs(around - INCIDENCE) > NEAR and again.max() > top:
