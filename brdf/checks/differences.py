@@ -12,13 +12,13 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 #: Steps tried, each smaller by this factor.
-STEPS, FACTOR = 8, 1.6
+STEPS, FACTOR = 7, 1.7
 #: The largest step, as a share of the value, or of this where the value is 0.
 REACH = 0.05
 #: A value nearer to a bound than this share of itself is moved away from it only.
 NEAR = 1e-3
 #: Points at which the value is looked at to see its rounding, and their distance as a share of the largest step.
-PROBES, APART = 4, 2.0**-20
+PROBES, APART = 3, 2.0**-20
 
 
 class Step(NamedTuple):

@@ -77,6 +77,7 @@ def brightest(subject: Subject, directions: list[npt.NDArray[np.float64]], lobe:
     wi = vector(np.repeat(np.array(directions).T, n, axis=1))
     drawn = subject.sample(wi, u, lobe)
     weights = channels(drawn.weight)
+    weights = np.broadcast_to(weights, (len(weights), n * len(directions)))
     found = [summarise(w.reshape(len(w), BATCHES, -1)) for w in np.split(weights, len(directions), axis=1)]
     at = max(range(len(found)), key=lambda i: found[i][0] if math.isfinite(found[i][0]) else math.inf)
     return Albedo(*found[at], directions[at].tolist())

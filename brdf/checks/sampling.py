@@ -79,7 +79,9 @@ def weights(subject: Subject, wi: np.ndarray, lobe: int | None, seed: int) -> Fi
     u = vector(stratified(SIDE, 1, seed))
     given = vector(*wi.tolist()) + 0 * u
     drawn = subject.sample(given, u, lobe)
-    smooth = ~np.asarray(drawn.ideal, dtype=bool) & (np.asarray(drawn.pdf) > 0)
+    # A sample without weight is one that found no direction. What is lost by that, `energy` sees.
+    lit = (channels(drawn.weight) != 0).any(axis=0)
+    smooth = ~np.asarray(drawn.ideal, dtype=bool) & (np.asarray(drawn.pdf) > 0) & lit
     if not smooth.any():
         return not_asked("No direction is sampled.")
     wo = vector(drawn.wo)
