@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
+from .stable import expm1, log1p
+
 
 class Half(NamedTuple):
     """The geometry of a pair of directions, symmetric in the two bit for bit.
@@ -61,3 +63,40 @@ def cosine_hemisphere(u: Any, like: Any) -> Any:
     radius, angle = dr.sqrt(u.x), dr.two_pi * u.y
     s, c = dr.sincos(angle)
     return type(like)(radius * c, radius * s, dr.sqrt(dr.maximum(1 - u.x, 0)))
+
+
+def cosine_power_hemisphere(u: Any, n: Any, like: Any) -> Any:
+    """A direction with density ``(n + 1) / (2 pi) cos^n``, of the type of the 3-vector `like`.
+
+    ``cos = (1 - u.x)^(1 / (n + 1))``; the sine is taken from the logarithm of the cosine, so that directions a
+    millionth of a radian off the normal come out as they should.
+
+    Parameters
+    ----------
+    u : 2- or 3-vector
+        Uniform in [0, 1)^2.
+    n : float
+        The exponent, >= 0 [1].
+    like : 3-vector
+    """
+    log_cos = log1p(-u.x) / (n + 1)
+    sin = dr.sqrt(-expm1(2 * log_cos))
+    s, c = dr.sincos(dr.two_pi * u.y)
+    return type(like)(sin * c, sin * s, dr.exp(log_cos))
+
+
+def about(axis: Any, w: Any) -> Any:
+    """The direction `w`, given in a frame whose third axis is the unit vector `axis`, ``axis.z >= 0``.
+
+    The other two axes complete it without a branch and without a division by 0.
+
+    References
+    ----------
+    duff2017.
+    """
+    a = 1 / (1 + axis.z)
+    b = -axis.x * axis.y * a
+    first = type(axis)(1 - axis.x * axis.x * a, b, -axis.x)
+    second = type(axis)(b, 1 - axis.y * axis.y * a, -axis.y)
+    out = first * w.x + second * w.y + axis * w.z
+    return out * dr.rsqrt(square(out))

@@ -6,10 +6,8 @@ from typing import Any
 
 import drjit as dr
 
-from .stable import is_double, log1p, with_gradient
+from .stable import EXPONENT_CAP, is_double, log1p, with_gradient
 
-#: (float32, float64) From here on the exponential is 0: the cap keeps ``0 * inf`` out of its derivative.
-EXPONENT_CAP = (400.0, 2980.0)
 #: (float32, float64) From here on erf(a) is 1 and exp(-a^2) far below rounding.
 ERF_CAP = (6.0, 12.0)
 
