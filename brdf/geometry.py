@@ -1,4 +1,4 @@
-"""Directions in the local frame: half-vector quantities, reflection, cosine-weighted sampling.
+"""Directions in the local frame: half-vector quantities, reflection, refraction, cosine-weighted sampling.
 
 The half vector is kept unnormalised, ``h = wi + wo``: a sum has the relative error of one rounding, so that
 ``tan^2 = (h.x^2 + h.y^2) / h.z^2`` never cancels, however sharp the lobe. ``1 - cos^2`` does.
@@ -10,14 +10,15 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
-from .stable import expm1, log1p
+from .stable import expm1, log1p, with_gradient
 
 
 class Half(NamedTuple):
     """The geometry of a pair of directions, symmetric in the two bit for bit.
 
     ``tan2`` is tan^2 of the angle between the half vector and the normal; ``cos_d``, ``sin2_d`` belong to the angle
-    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hz`` is wi.z + wo.z.
+    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hx``, ``hy``, ``hz`` are the components of
+    wi + wo.
     """
 
     tan2: Any
@@ -25,6 +26,8 @@ class Half(NamedTuple):
     sin2_d: Any
     hh: Any
     hz: Any
+    hx: Any
+    hy: Any
 
 
 def half(wi: Any, wo: Any) -> Half:
@@ -36,7 +39,7 @@ def half(wi: Any, wo: Any) -> Half:
     h, d = wi + wo, wi - wo
     hh, dd = square(h), square(d)
     total = hh + dd
-    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z)
+    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z, h.x, h.y)
 
 
 def square(v: Any) -> Any:
@@ -53,6 +56,39 @@ def reflect_about(w: Any, m: Any) -> Any:
     """The mirror image of `w` about the unit vector `m`: ``2 (w.m) m - w``, of unit length to rounding."""
     out = m * (2 * (w.x * m.x + w.y * m.y + w.z * m.z)) - w
     return out * dr.rsqrt(square(out))
+
+
+def refract(w: Any, eta: Any) -> tuple[Any, Any]:
+    """Where light from `w`, above or below, goes behind a smooth surface (Snell's law), and whether it does.
+
+    In the surface ``-(w.x, w.y) / eta``; along the normal ``sqrt(1 - s2 / eta^2) = sqrt(eta^2 - 1 + c^2) / eta``,
+    whichever does not cancel. Under total internal reflection the direction is ``-w``, which means nothing.
+
+    Parameters
+    ----------
+    w : 3-vector
+    eta : float
+        Relative index of refraction, far side over near side, > 0 [1].
+
+    Returns
+    -------
+    wo : 3-vector
+        Of unit length, on the other side.
+    refracts : bool
+        False under total internal reflection.
+
+    References
+    ----------
+    born1999, sec. 1.5.
+    """
+    s2, eta2 = w.x * w.x + w.y * w.y, eta * eta
+    direct = 1 - s2 / eta2
+    c2 = dr.select(s2 < 0.5, direct, ((eta - 1) * (eta + 1) + w.z * w.z) / eta2)
+    c2 = with_gradient(c2, direct)  # of one term, where that of the other form cancels
+    refracts = c2 > 0
+    c = dr.sqrt(dr.select(refracts, c2, 1))
+    wo = type(w)(-w.x / eta, -w.y / eta, dr.select(w.z > 0, -c, c))
+    return dr.select(refracts, wo, -w), refracts
 
 
 def cosine_hemisphere(u: Any, like: Any) -> Any:

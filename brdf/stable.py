@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -10,6 +11,8 @@ import drjit as dr
 EXPONENT_CAP = (400.0, 2980.0)
 #: `cosine_integral`: steps of its recurrence, and levels of its continued fraction, that give float64 its last digit.
 INTEGRAL_STEPS, INTEGRAL_LEVELS = 6, 6
+#: ``2 j / (2 j + 1)!`` from j = 1: the last, for h = 1, is below rounding in float64.
+REST_SERIES = tuple(2 * j / math.factorial(2 * j + 1) for j in range(1, 10))
 
 
 def log1p(x: Any) -> Any:
@@ -77,6 +80,36 @@ def cosine_integral(n: Any) -> Any:
     for k in range(INTEGRAL_STEPS):
         w *= 1 + 1 / (n + 2 * k + 1)
     return w
+
+
+def atanh_rest(x: Any) -> Any:
+    """``(atanh(x) - x) / x^3`` for `x` in [0, 1), 1/3 at 0.
+
+    With ``h = atanh(x)`` the difference is ``(h cosh h - sinh h) / cosh h``, whose numerator is a series of positive
+    terms, ``sum over j of 2 j h^(2 j + 1) / (2 j + 1)!``; above h = 1 the plain difference loses nothing.
+    """
+    positive = x > 0
+    some = dr.select(positive, x, 1e-3)  # any: the limit takes its place
+    h = 0.5 * log1p(2 * some / (1 - some))
+    h2 = h * h
+    series = 0.0
+    for term in reversed(REST_SERIES):
+        series = series * h2 + term
+    ratio = h / some
+    small = series * ratio * ratio * ratio * dr.sqrt((1 - some) * (1 + some))
+    large = (h - some) / (some * some * some)
+    return dr.select(positive, dr.select(h < 1, small, large), 1 / 3)
+
+
+def cube_remainder_of_sine(x: Any) -> Any:
+    """``(x - sin x) / x^3`` to a few roundings, 1/6 at 0: by its series below 1, where the difference cancels."""
+    x2 = x * x
+    series = 0.0
+    for k in range(8, -1, -1):  # the next term is below 1e-18
+        series = series * x2 + (-1) ** k / math.factorial(2 * k + 3)
+    small = x2 < 1
+    away = dr.select(small, 1, x)
+    return dr.select(small, series, (away - dr.sin(away)) / (away * away * away))
 
 
 def with_gradient(value: Any, proxy: Any) -> Any:
