@@ -76,7 +76,7 @@ def overview(found: Mapping[str, Mapping[str, Result]], console: Console) -> Tab
     """A line for each BSDF, a column for each check; symbols alone where the words do not fit."""
     names = [check for check in CHECKS if any(check in results for results in found.values())]
     for words in (True, False):
-        headings = [Text(n.replace("_", "\n", 1) if words else SHORT.get(n, n.rpartition("_")[2])) for n in names]
+        headings = [n.replace("_", "\n", 1) if words else SHORT.get(n, n.rpartition("_")[2]) for n in names]
         table = Table("", *headings, box=None, padding=(0, 1 + words, 0, 0))
         for name, results in found.items():
             cells = [cell(results[check], words) if check in results else Text() for check in names]
