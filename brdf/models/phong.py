@@ -18,9 +18,9 @@ class Phong(Model):
     ``a = wo.r`` is the cosine between `wo` and the mirror direction ``r`` of `wi`.
 
     ``normalization="classic"``: ``N = 1 / cos_o``, with the light at `wo`. What is seen, ``f cos_o``, is then
-    ``specular_reflectance a^exponent``, as Phong shaded, and ``a^exponent`` is 1 in the mirror direction, whatever the
-    incidence, and less elsewhere. Such a lobe is not reciprocal, and reflects ``2 pi / (exponent + 1)`` of the light at normal
-    incidence: more than arrives if the exponent is small.
+    ``specular_reflectance a^exponent``, as Phong shaded: the maximum of ``a^exponent`` is 1, always in the mirror
+    direction. Such a lobe is not reciprocal, and reflects ``2 pi / (exponent + 1)`` of the light at normal incidence:
+    more than arrives if the exponent is small.
 
     ``normalization="modified"``: ``N = (exponent + 2) / (2 pi)``, Lafortune and Willems'. It is reciprocal, bit for
     bit, and conserves energy.
