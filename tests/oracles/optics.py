@@ -52,10 +52,11 @@ def fresnel_mean_closed(n: Any) -> Any:
 
 
 def glazed(i: Any, o: Any, eta: Any, diffuse: Any, law: Callable[[Any, Any], Any], outside: Any) -> Any:
-    """The base of a coated diffuser, by a geometric series of reflections between base and coat, cosines `i` and `o`."""
+    """The base of a coated diffuser at cosines `i` and `o`, with the mean of `law` outside: what goes in, is reflected by
+    the base any number of times (a geometric series), and goes out, as radiance thinned by ``eta^2``."""
     inside = 1 - (1 - outside) / eta**2
-    once = (1 - law(i, eta)) * diffuse / mpmath.pi * (1 - law(o, eta)) / eta**2
-    return once * mpmath.nsum(lambda n: (diffuse * inside) ** n, [0, mpmath.inf])
+    series = diffuse / (1 - diffuse * inside)
+    return (1 - law(i, eta)) * series / mpmath.pi * (1 - law(o, eta)) / eta**2
 
 
 def dipole_reflectance(sigma_s: Any, sigma_a: Any, g: Any, eta: Any, inside: Any) -> Any:
