@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from brdf import Lobe, Model, Param, builtin
+from brdf import Model, Param, builtin
 from fitting import images
 from tests.fitting import studio
 from tests.fitting.command import run
