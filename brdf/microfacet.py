@@ -80,7 +80,8 @@ def beckmann_pdf(tan2: Any, m: Any) -> Any:
 def ggx_d_half(tan2: Any, m: Any) -> Any:
     """The square root of pi D of Trowbridge and Reitz's distribution, known as GGX.
 
-    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = m (1 + tan^2) / (m^2 + tan^2)``, a quotient of sums.
+    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = (1 + tan^2) / (m + tan^2 / m)``, a quotient of sums: written so, no
+    derivative on the way is larger than the last.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def ggx_d_half(tan2: Any, m: Any) -> Any:
     ----------
     trowbridge1975; walter2007, eq. 33.
     """
-    return m * ((1 + tan2) / (m * m + tan2))
+    return (1 + tan2) / (m + tan2 / m)
 
 
 def ggx_tangent(u: Any, m: Any) -> Any:

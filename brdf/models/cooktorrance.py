@@ -165,7 +165,7 @@ class CookTorrance(Model):
         if not self.anisotropic:
             return distribution.d_half(g.tan2, p.m)
         m = microfacet.roughness_of_normal(g, p.m_u, p.m_v)
-        return distribution.d_half(g.tan2, m) * (m / dr.sqrt(p.m_u * p.m_v))
+        return distribution.d_half(g.tan2, m) * dr.sqrt((m / p.m_u) * (m / p.m_v))
 
     def smith_g1(self, p: Values, w: Any) -> Any:
         """Smith's masking of one direction."""

@@ -30,8 +30,8 @@ class KajiyaKay(Model):
 
     Notes
     -----
-    The two directions of the paper's lobe are those of rays, one of them towards the thread; here both point away, hence
-    the minus in ``c``. That there is a surface at all, which hides half of the cone, is ours.
+    The two directions of the paper's lobe are those of rays, one of them towards the thread; here both point away,
+    hence the minus in ``c``. That there is a surface at all, which hides half of the cone, is ours.
 
     References
     ----------
@@ -60,10 +60,9 @@ class KajiyaKay(Model):
     def faults(self) -> dict[str, str]:
         return {
             "reciprocity": "both terms are divided by the cosine of the light alone, and sin_o is of the light alone",
-            "energy": "of a hemisphere of light, diffuse_reflectance pi^2 / 2 is reflected; and the maximum of the lobe is 1 "
-            "for any exponent",
+            "energy": "the diffuse term reflects diffuse_reflectance pi^2 / 2; the maximum of the lobe is 1 throughout",
             "coupling": "each of the two terms exceeds 1 by itself, and they are added",
-            "peak": "the cone of the highlight holds the mirror direction at any incidence: it has no off-specular peak",
+            "peak": "the cone holds the mirror direction at any incidence: there is no off-specular peak",
         }
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any]:
