@@ -99,9 +99,9 @@ def panel(figure: Figure, place: int, title: str, picture: npt.NDArray[Any], lef
     heading(figure, left + 0.23 * place + 0.11, title)
 
 
-def heading(figure: Figure, x: float, text: str) -> None:
+def heading(figure: Figure, x: float, text: str, y: float = 0.9) -> None:
     """A title above a part of the card."""
-    figure.text(x, 0.9, text, ha="center", va="center", color=SOFT)
+    figure.text(x, y, text, ha="center", va="center", color=SOFT)
 
 
 def error_of(view: View, white: float) -> npt.NDArray[np.float64]:

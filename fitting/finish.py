@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from plugins.check import check
+from plugins.checks.glance import glance
 
 from . import remarks, uncertainty
 from .parameters import Parameters
@@ -94,7 +94,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
         seconds=seconds,
         views=tuple(views(run, mean)),
         lobes={name: lobes(bsdf) for name, bsdf in materials.items()},
-        checks={name: MaterialCheck(*check(bsdf)) for name, bsdf in materials.items()},
+        checks={name: MaterialCheck(*glance(bsdf)) for name, bsdf in materials.items()},
         settings=settings,
         versions=versions(),
         misfit=misfit,

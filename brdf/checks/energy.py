@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -12,12 +12,109 @@ import numpy.typing as npt
 
 from ..geometry import cosine_hemisphere
 from ..model import Model, Values
-from .reciprocity import channels
+from .directions import ANGLES, incident, stratified
+from .domain import around, integral
+from .result import Finding, at_most, not_asked, worst
+from .subject import Subject
+from .values import channels, opaque
 
 #: Independent repetitions, whose spread gives the standard error.
 BATCHES = 16
+#: Each of them has this many directions of a check, squared.
+SIDE = 32
+#: An albedo may exceed 1 by this many standard errors and by rounding.
+SIGMA, ROUNDING = 4.0, 1e-5
+#: Angles from the normal at which the mean weight of samples is compared with a quadrature [deg].
+COMPARED = (0.0, 45.0, 80.0)
+#: They may differ by this, beside what either is uncertain by: a fold in a lobe costs the quadrature some digits.
+AGREEMENT = 5e-3
+#: A quadrature that still changes by this share does not resolve the lobe, and says nothing.
+UNRESOLVED = 0.05
 
 Weight = Callable[[Any, Any], Any]
+
+
+class Albedo(NamedTuple):
+    """The largest directional albedo of any channel, its standard error, and where."""
+
+    value: float
+    error: float
+    wi: list[float]
+
+
+def ask(subject: Subject, seed: int = 0) -> Finding:
+    """The largest directional albedo of each lobe, and whether sampling finds what a quadrature finds."""
+    findings = []
+    for number, part in enumerate(subject.lobes):
+        findings.append(brightness(subject, number, part.name, seed))
+        if part.smooth and not part.ideal:
+            findings += agreement(subject, number, seed)
+    return worst(findings)
+
+
+def ask_sum(subject: Subject, seed: int = 0) -> Finding:
+    """The largest directional albedo of all lobes together."""
+    if len(subject.lobes) == 1:
+        return not_asked("There is one lobe: nothing to couple.")
+    return brightness(subject, None, "all", seed)
+
+
+def brightness(subject: Subject, lobe: int | None, name: str, seed: int) -> Finding:
+    """Whether a lobe, or all of them, sends out no more power than arrives."""
+    found = brightest(subject, incident(subject, ANGLES), lobe, seed)
+    limit = 1 + SIGMA * (found.error if math.isfinite(found.error) else 0) + ROUNDING
+    case = subject.case(figure="directional albedo", lobe=name, wi=found.wi, standard_error=found.error)
+    angle = math.degrees(math.acos(min(1.0, abs(found.wi[2]))))
+    who = "All lobes together send" if lobe is None else f"The lobe {name} sends"
+    return at_most(found.value, limit, f"{who} out {found.value:.4g} of the light that comes at {angle:.4g} deg.", case)
+
+
+def brightest(subject: Subject, directions: list[npt.NDArray[np.float64]], lobe: int | None, seed: int) -> Albedo:
+    """The largest mean weight of samples over some directions of incidence."""
+    vector = subject.vector
+    n = BATCHES * SIDE * SIDE
+    u = vector(np.tile(stratified(SIDE, BATCHES, seed), len(directions)))
+    wi = vector(np.repeat(np.array(directions).T, n, axis=1))
+    drawn = subject.sample(wi, u, lobe)
+    weights = channels(drawn.weight)
+    weights = np.broadcast_to(weights, (len(weights), n * len(directions)))
+    found = [summarise(w.reshape(len(w), BATCHES, -1)) for w in np.split(weights, len(directions), axis=1)]
+    at = max(range(len(found)), key=lambda i: found[i][0] if math.isfinite(found[i][0]) else math.inf)
+    return Albedo(*found[at], directions[at].tolist())
+
+
+def agreement(subject: Subject, lobe: int, seed: int) -> list[Finding]:
+    """Whether the mean weight of samples is the integral of ``f cos``."""
+    findings = []
+    vector = subject.vector
+    part = subject.lobes[lobe]
+    for wi in incident(subject, COMPARED):
+        domain = around(subject, wi, lobe, seed)
+        if domain is None:
+            continue
+        given = opaque(vector, wi)
+
+        def power(wo: Any, given: Any = given) -> Any:
+            return subject.adjoint(given, wo, lobe) * abs(wo.z)
+
+        want, change = integral(power, domain, vector)
+        got, error, _ = brightest(subject, [wi], lobe, seed)
+        expected = float(want.max())
+        if not change <= UNRESOLVED * abs(expected):
+            continue
+        allowed = SIGMA * error + change + AGREEMENT * max(abs(expected), 1e-3)
+        case = subject.case(
+            figure="|mean weight of samples - integral of f cos|",
+            lobe=part.name,
+            wi=wi.tolist(),
+            sampled=got,
+            integrated=expected,
+        )
+        said = f"The weights of samples of the lobe {part.name} add up to {got:.4g}, f cos to {expected:.4g}."
+        finding = at_most(abs(got - expected), allowed, said, case)
+        if not finding.passed:
+            findings.append(finding)
+    return findings
 
 
 def albedo(weight: Weight, mu: float, like: Any, side: int = 64, seed: int = 0) -> tuple[float, float]:
@@ -72,21 +169,6 @@ def lobe_weight(model: Model, p: Values) -> Weight:
         return total
 
     return weight
-
-
-def stratified(side: int, batches: int, seed: int) -> npt.NDArray[np.float64]:
-    """Points in the unit cube, shape (3, batches side^2).
-
-    A batch is stratified in the first two coordinates together, and in the third alone.
-    """
-    rng = np.random.default_rng(seed)
-    n = side * side
-    cell = np.arange(n)
-    u = np.empty((3, batches, n))
-    u[0], u[1] = cell // side, cell % side
-    u[:2] = (u[:2] + rng.random((2, batches, n))) / side
-    u[2] = (rng.permuted(np.tile(cell, (batches, 1)), axis=1) + rng.random((batches, n))) / n
-    return np.minimum(u, 1 - 2.0**-24).reshape(3, -1)
 
 
 def summarise(weights: npt.NDArray[np.float64]) -> tuple[float, float]:

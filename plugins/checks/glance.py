@@ -8,28 +8,22 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from brdf import UsageError
+from brdf.checks.directions import ANGLES, hemisphere, near_mirror
 from brdf.checks.energy import BATCHES, stratified, summarise
-from brdf.checks.reciprocity import channels, reciprocity
-
-Array = npt.NDArray[np.float64]
+from brdf.checks.reciprocity import reciprocity
+from brdf.checks.values import channels
 
 #: Pairs of directions whose exchange is tried.
 PAIRS = 100_000
 #: Values below this share of the largest are noise of float32 beside a sharp lobe, and are left out of reciprocity.
 FLOOR = 1e-6
-#: Half the pairs are near the mirror direction, at slopes between these: sharper lobes than a roughness of 1e-4 are
-#: rare.
-SLOPES = (1e-4, 1.0)
-#: Angles from the normal at which the albedo is measured [deg].
-ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0, 85.0, 88.0, 89.9)
 #: Each of 16 batches of directions has this many, squared.
 SIDE = 32
 
 
-class Check(NamedTuple):
+class Glance(NamedTuple):
     """What was found.
 
     ``reciprocity_max`` is the largest ``|f(wi,wo) - f(wo,wi)| / max`` of the two; ``albedo_max`` the largest
@@ -43,7 +37,7 @@ class Check(NamedTuple):
     albedo_angle: float
 
 
-def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
+def glance(bsdf: mi.BSDF, seed: int = 0) -> Glance:
     """Try a BSDF on its reflecting side, at the middle of its textures.
 
     Reciprocity: ``eval / cos`` of random pairs and of the same pairs exchanged. Energy: the mean of what `sample`
@@ -84,7 +78,7 @@ def check(bsdf: mi.BSDF, seed: int = 0) -> Check:
     weights = np.broadcast_to(channels(weight), (dr.size_v(weight), n * len(angles)))
     found = [summarise(w.reshape(len(w), BATCHES, -1)) for w in np.split(weights, len(angles), axis=1)]
     worst = max(range(len(found)), key=lambda i: found[i][0] if math.isfinite(found[i][0]) else math.inf)
-    return Check(difference, *found[worst], float(angles[worst]))
+    return Glance(difference, *found[worst], float(angles[worst]))
 
 
 def interaction(wi: mi.Vector3f) -> mi.SurfaceInteraction3f:
@@ -97,19 +91,3 @@ def interaction(wi: mi.Vector3f) -> mi.SurfaceInteraction3f:
     if mi.is_spectral:
         si.wavelengths = mi.Spectrum(450, 520, 590, 660)
     return si
-
-
-def hemisphere(n: int, rng: np.random.Generator) -> Array:
-    """Directions of uniform cosine, shape (3, n)."""
-    z, phi = 1 - rng.random(n), 2 * np.pi * rng.random(n)
-    r = np.sqrt(1 - z * z)
-    return np.array([r * np.cos(phi), r * np.sin(phi), z])
-
-
-def near_mirror(wi: Array, rng: np.random.Generator) -> Array:
-    """Reflections of `wi`, shape (3, n), about normals whose slopes are spread evenly in their logarithm."""
-    n = wi.shape[1]
-    low, high = np.log(SLOPES)
-    slope, phi = np.exp(rng.uniform(low, high, n)), 2 * np.pi * rng.random(n)
-    h = np.array([slope * np.cos(phi), slope * np.sin(phi), np.ones(n)]) / np.sqrt(1 + slope**2)
-    return 2 * np.sum(wi * h, axis=0) * h - wi

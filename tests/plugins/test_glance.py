@@ -15,7 +15,7 @@ from brdf import Model, UsageError, builtin, defaults
 from brdf.checks.energy import albedo, lobe_weight
 from brdf.models.cooktorrance import CookTorrance
 from plugins import registry
-from plugins.check import check
+from plugins.checks.glance import glance
 
 #: eval is a product with the cosine and is divided by it again: two roundings of float32 on each side.
 ROUNDING = 4 * 2.0**-24
@@ -33,7 +33,7 @@ def variant(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_our_models_with_their_defaults(name: str, nested: bool) -> None:
     """Reciprocal to rounding, and no brighter than the light."""
     xml: dict[str, Any] = {"type": name}
-    found = check(mi.load_dict({"type": "twosided", "nested": xml} if nested else xml))
+    found = glance(mi.load_dict({"type": "twosided", "nested": xml} if nested else xml))
     assert found.reciprocity_max <= ROUNDING
     assert found.albedo_max < 1 + 3 * found.albedo_sd
 
@@ -43,10 +43,10 @@ def test_what_is_known(variant_name: str) -> None:
     """A white diffuser reflects all, a grey one half; V-cavities with F = 1 nearly all, most at 89.9 degrees, where the
     quadrature of brdf.checks in float64 finds the same."""
     mi.set_variant(variant_name)
-    assert check(mi.load_dict({"type": "lambertian", "reflectance": 1.0})).albedo_max == pytest.approx(1, abs=1e-6)
-    assert check(mi.load_dict({"type": "diffuse", "reflectance": 0.5})).albedo_max == pytest.approx(0.5, abs=1e-6)
+    assert glance(mi.load_dict({"type": "lambertian", "reflectance": 1.0})).albedo_max == pytest.approx(1, abs=1e-6)
+    assert glance(mi.load_dict({"type": "diffuse", "reflectance": 0.5})).albedo_max == pytest.approx(0.5, abs=1e-6)
     white = {"type": "cooktorrance", "m": 0.3, "fresnel": "constant", "diffuse_reflectance": 0.0}
-    found = check(mi.load_dict(white))
+    found = glance(mi.load_dict(white))
     assert found.albedo_angle == pytest.approx(math.radians(89.9))
     model = CookTorrance(fresnel="constant")
     p = defaults(model, Array3f64, m=0.3, diffuse_reflectance=0.0)
@@ -57,14 +57,14 @@ def test_what_is_known(variant_name: str) -> None:
 
 @pytest.mark.parametrize("m", [1e-3, 0.02, 1.0])
 def test_sharp_and_rough(m: float) -> None:
-    found = check(mi.load_dict({"type": "cooktorrance", "m": m, "diffuse_reflectance": 0.0}))
+    found = glance(mi.load_dict({"type": "cooktorrance", "m": m, "diffuse_reflectance": 0.0}))
     assert found.reciprocity_max <= ROUNDING
     assert 0.2 < found.albedo_max < 1 + 3 * found.albedo_sd
 
 
 def test_the_brightest_channel() -> None:
     tint = {"type": "rgb", "value": [0.2, 0.9, 0.4]}
-    found = check(mi.load_dict({"type": "lambertian", "reflectance": tint}))
+    found = glance(mi.load_dict({"type": "lambertian", "reflectance": tint}))
     assert found.albedo_max == pytest.approx(0.9, abs=1e-6)
 
 
@@ -79,14 +79,14 @@ def test_mitsubas_own() -> None:
         {"type": "conductor"},
         {"type": "principled", "roughness": 0.3},
     ):
-        found = check(mi.load_dict(xml))
+        found = glance(mi.load_dict(xml))
         assert found.reciprocity_max < 1e-3, xml
         assert 0.1 < found.albedo_max < 1 + 3 * found.albedo_sd + 1e-5, xml
 
 
 def test_more_light_than_arrives() -> None:
     """Diffuse and specular are not coupled: together too bright, most so at grazing."""
-    found = check(mi.load_dict({"type": "cooktorrance", "m": 0.01, "diffuse_reflectance": 0.9}))
+    found = glance(mi.load_dict({"type": "cooktorrance", "m": 0.01, "diffuse_reflectance": 0.9}))
     assert found.albedo_max > 1.5
     assert found.albedo_angle == pytest.approx(math.radians(89.9))
 
@@ -107,8 +107,8 @@ def test_not_reciprocal() -> None:
             return (dr.select(wi.z > 0.9, dr.nan, 0.1),)
 
     plugins.register(OneSided, Unbounded)
-    assert check(mi.load_dict({"type": "onesided"})).reciprocity_max > 0.9
-    found = check(mi.load_dict({"type": "unbounded"}))
+    assert glance(mi.load_dict({"type": "onesided"})).reciprocity_max > 0.9
+    found = glance(mi.load_dict({"type": "unbounded"}))
     assert found.reciprocity_max == math.inf
     assert math.isnan(found.albedo_max)
 
@@ -125,10 +125,10 @@ def test_the_mirror_direction_is_looked_at() -> None:
             return (dr.select(near, wi.z, 0.1),)
 
     plugins.register(Sharp)
-    assert check(mi.load_dict({"type": "sharp"})).reciprocity_max > 1e-4
+    assert glance(mi.load_dict({"type": "sharp"})).reciprocity_max > 1e-4
 
 
 def test_scalar_variants_are_refused() -> None:
     mi.set_variant("scalar_rgb")
     with pytest.raises(UsageError, match=r"^check: the variant scalar_rgb has no arrays\. Set llvm_ad_rgb, or another"):
-        check(mi.load_dict({"type": "lambertian"}))
+        glance(mi.load_dict({"type": "lambertian"}))
