@@ -1,7 +1,8 @@
 """Fresnel reflectance of a smooth facet.
 
-All take ``(c, s2)``: cosine and squared sine of the angle between light and facet normal, as a pair: ``1 - c^2``
-computed inside would lose the digits that decide at grazing and at the critical angle.
+Those of one direction take ``(c, s2)``: cosine and squared sine of the angle between light and facet normal, as a pair:
+``1 - c^2`` computed inside would lose the digits that decide at grazing and at the critical angle. Means are over all
+directions.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 
 import drjit as dr
 
-from .stable import with_gradient
+from .stable import atanh_rest, with_gradient
 
 
 def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
@@ -41,6 +42,37 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     cook1982, eq. for F; born1999, sec. 1.5.
     """
+    refracts, low, high = two_forms(c, s2, eta)
+    return dr.select(refracts, dr.select(low < 0.5, low, 1 - high), 1)
+
+
+def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
+    """Unpolarised transmittance of a smooth dielectric: the fraction of the power that crosses the surface.
+
+    ``1 - fresnel_dielectric``, but towards grazing, where it goes to 0 with the cosine, not as that difference.
+
+    Parameters
+    ----------
+    c, s2 : float
+        Cosine (>= 0) and squared sine of the angle of incidence [1].
+    eta : float
+        Relative index of refraction, far side over near side, > 0 [1].
+
+    Returns
+    -------
+    float
+        In [0, 1]; 0 at grazing and under total internal reflection.
+
+    References
+    ----------
+    born1999, sec. 1.5.
+    """
+    refracts, low, high = two_forms(c, s2, eta)
+    return dr.select(refracts, dr.select(low < 0.5, 1 - low, high), 0)
+
+
+def two_forms(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
+    """Whether light is refracted, and then ``F``, good where it is small, and ``1 - F``, good where that is small."""
     k = (eta - 1) * (eta + 1)
     g2 = dr.select(s2 < 0.5, eta * eta - s2, k + c * c)
     refracts = g2 > 0
@@ -49,10 +81,8 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     rs = k / (sum_cg * sum_cg)
     cg = c * g
     ratio = (cg - s2) / (cg + s2)
-    low = rs * rs * (1 + ratio * ratio) * 0.5
     a, b = 1 / sum_cg, eta / (eta * eta * c + g)  # squared last: the squares of a quotient overflow in a derivative
-    high = 1 - 2 * cg * (a * a + b * b)
-    return dr.select(refracts, dr.select(low < 0.5, low, high), 1)
+    return refracts, rs * rs * (1 + ratio * ratio) * 0.5, 2 * cg * (a * a + b * b)
 
 
 def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
@@ -60,14 +90,16 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
 
     ``a^2 - b^2 = eta^2 - k^2 - s2``, ``a b = eta k``, ``R_s = ((a - c)^2 + b^2) / ((a + c)^2 + b^2)``, ``R_p / R_s =
     ((a c - s2)^2 + b^2 c^2) / ((a c + s2)^2 + b^2 c^2)``, ``F = (R_s + R_p) / 2``. Of `a` and `b` the larger comes from
-    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel.
+    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel. Where F is near 1, as
+    that of metals and at grazing, it is ``1 - T`` with the transmittance as a product of positive terms,
+    ``T = 2 a c (1 + (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2 c^2)) / ((a + c)^2 + b^2)``.
 
     Parameters
     ----------
     c, s2 : float
         Cosine (>= 0) and squared sine of the angle of incidence [1].
     eta, k : float or colour
-        Real and imaginary part of the index of refraction, inside over outside, >= 0 and not both 0 [1].
+        Real and imaginary part of the index of refraction, inside over outside, >= 0 [1].
 
     Returns
     -------
@@ -90,9 +122,13 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     a, b = dr.select(positive, w, z), dr.select(positive, z, w)
     less, more = dr.select(positive, (near + b * b) / (a + c), a - c), a + c
     b2, ac, bc = b * b, a * c, b * c
-    rs = (less * less + b2) / (more * more + b2)
-    low, high, bc2 = ac - s2, ac + s2, bc * bc
-    return 0.5 * rs * (1 + (low * low + bc2) / (high * high + bc2))
+    bottom = more * more + b2
+    minus, plus, bc2 = ac - s2, ac + s2, bc * bc
+    bottom_p = plus * plus + bc2
+    bottom_p = dr.select(bottom_p > 0, bottom_p, 1)  # eta = k = 0 at normal incidence
+    low = 0.5 * (less * less + b2) / bottom * (1 + (minus * minus + bc2) / bottom_p)
+    transmitted = 2 * ac / bottom * (1 + (a * a + b2 + s2) / bottom_p)
+    return dr.select(low < 0.5, low, 1 - transmitted)
 
 
 def fresnel_schlick(c: Any, eta: Any) -> Any:
@@ -112,8 +148,93 @@ def fresnel_schlick(c: Any, eta: Any) -> Any:
     ----------
     schlick1994, eq. 15.
     """
-    r = (eta - 1) / (eta + 1)
-    r = with_gradient(r, -2 / (eta + 1))  # d/d eta of 1 - 2/(eta + 1): no difference of near numbers
+    r = amplitude_at_normal(eta)
     x = 1 - c
     x2 = x * x
-    return x2 * x2 * x + r * r * (c * (1 + x * (1 + x * (1 + x * (1 + x)))))
+    return x2 * x2 * x + r * r * less_fifth_power(c)
+
+
+def transmittance_schlick(c: Any, eta: Any) -> Any:
+    """``1 - fresnel_schlick = (1 - F0) (1 - (1 - c)^5)``, without a difference at grazing.
+
+    Parameters
+    ----------
+    c : float
+        Cosine of the angle of incidence, in [0, 1] [1].
+    eta : float
+        Relative index of refraction, > 0 [1].
+
+    References
+    ----------
+    schlick1994, eq. 15.
+    """
+    r = amplitude_at_normal(eta)
+    return (1 - r * r) * less_fifth_power(c)
+
+
+def amplitude_at_normal(eta: Any) -> Any:
+    """``(eta - 1)/(eta + 1)``, the amplitude reflected at normal incidence; its square is F0."""
+    # d/d eta of 1 - 2/(eta + 1): no difference of near numbers
+    return with_gradient((eta - 1) / (eta + 1), -2 / (eta + 1))
+
+
+def less_fifth_power(c: Any) -> Any:
+    """``1 - (1 - c)^5`` as `c` times a sum of positive terms."""
+    x = 1 - c
+    return c * (1 + x * (1 + x * (1 + x * (1 + x))))
+
+
+def fresnel_dielectric_mean(eta: Any) -> Any:
+    """Reflectance of a smooth dielectric for light that comes evenly from all directions: ``2 integral of F c dc``.
+
+    With the amplitude ``v = (g - c)/(g + c)`` of `fresnel_dielectric` in place of the cosine the integrand is rational:
+    ``k/8 integral from r to 1 of (1 + q^2)(1 - v^2) dv``, where ``k = eta^2 - 1``, ``r = (eta - 1)/(eta + 1)`` and
+    ``q = (k (1 - v)/(2 v) - 1)/(1 + k (1 - v)/2)``. The closed form is Walsh's, here in powers of `r`, and with
+    ``(atanh r - r)/r^3`` in place of ``log eta``: nothing large is left to cancel, neither near ``eta = 1``, where the
+    mean is ``(eta - 1)/3``, nor above.
+
+    From inside, where part of the light is totally reflected, it follows from reciprocity:
+    ``mean(1/eta) = 1 - (1 - mean(eta))/eta^2``, whatever the law of F outside.
+
+    Parameters
+    ----------
+    eta : float
+        Relative index of refraction, far side over near side, > 0 [1].
+
+    Returns
+    -------
+    float
+        In [0, 1); .0918 for 1.5, .5963 for 1/1.5, 0 for 1.
+
+    References
+    ----------
+    walsh1926; egan1979.
+    """
+    inside = eta < 1
+    r = amplitude_at_normal(eta)
+    r = dr.select(inside, -r, r)  # that of 1/eta
+    some = dr.select(r > 0, r, 1)
+    r2 = r * r
+    plus, minus = 1 + r2, 1 - r2
+    smooth = minus * minus * (1 + atanh_rest(r) * (plus + 4 * r2 / plus)) * 0.5
+    logs = -dr.log(some) - 0.5 * (1 - r) * (1 - r * (2 + r))
+    ratio = (1 + r) / plus
+    bracket = (2 + r) / 3 + 4 * r / (plus * plus) + ratio * ratio * (smooth - 4 * r * logs / plus)
+    outside = 0.5 * r * bracket
+    return dr.select(inside, (1 - eta) * (1 + eta) + eta * eta * outside, outside)
+
+
+def fresnel_schlick_mean(eta: Any) -> Any:
+    """``2 integral of F c dc = (1 + 20 F0)/21`` of Schlick's approximation, from outside.
+
+    Parameters
+    ----------
+    eta : float
+        Relative index of refraction, > 0 [1].
+
+    References
+    ----------
+    schlick1994, eq. 15.
+    """
+    r = amplitude_at_normal(eta)
+    return (1 + 20 * r * r) / 21

@@ -1,4 +1,4 @@
-"""Directions in the local frame: half-vector quantities, reflection, cosine-weighted sampling.
+"""Directions in the local frame: half-vector quantities, reflection, refraction, cosine-weighted sampling.
 
 The half vector is kept unnormalised, ``h = wi + wo``: a sum has the relative error of one rounding, so that
 ``tan^2 = (h.x^2 + h.y^2) / h.z^2`` never cancels, however sharp the lobe. ``1 - cos^2`` does.
@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 
+from .stable import expm1, log1p, with_gradient
+
 
 class Half(NamedTuple):
     """The geometry of a pair of directions, symmetric in the two bit for bit.
 
     ``tan2`` is tan^2 of the angle between the half vector and the normal; ``cos_d``, ``sin2_d`` belong to the angle
-    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hz`` is wi.z + wo.z.
+    between either direction and the half vector; ``hh`` is |wi + wo|^2; ``hx``, ``hy``, ``hz`` are the components of
+    wi + wo.
     """
 
     tan2: Any
@@ -23,6 +26,8 @@ class Half(NamedTuple):
     sin2_d: Any
     hh: Any
     hz: Any
+    hx: Any
+    hy: Any
 
 
 def half(wi: Any, wo: Any) -> Half:
@@ -34,7 +39,7 @@ def half(wi: Any, wo: Any) -> Half:
     h, d = wi + wo, wi - wo
     hh, dd = square(h), square(d)
     total = hh + dd
-    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z)
+    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z, h.x, h.y)
 
 
 def square(v: Any) -> Any:
@@ -53,6 +58,39 @@ def reflect_about(w: Any, m: Any) -> Any:
     return out * dr.rsqrt(square(out))
 
 
+def refract(w: Any, eta: Any) -> tuple[Any, Any]:
+    """Where light from `w`, above or below, goes behind a smooth surface (Snell's law), and whether it does.
+
+    In the surface ``-(w.x, w.y) / eta``; along the normal ``sqrt(1 - s2 / eta^2) = sqrt(eta^2 - 1 + c^2) / eta``,
+    whichever does not cancel. Under total internal reflection the direction is ``-w``, which means nothing.
+
+    Parameters
+    ----------
+    w : 3-vector
+    eta : float
+        Relative index of refraction, far side over near side, > 0 [1].
+
+    Returns
+    -------
+    wo : 3-vector
+        Of unit length, on the other side.
+    refracts : bool
+        False under total internal reflection.
+
+    References
+    ----------
+    born1999, sec. 1.5.
+    """
+    s2, eta2 = w.x * w.x + w.y * w.y, eta * eta
+    direct = 1 - s2 / eta2
+    c2 = dr.select(s2 < 0.5, direct, ((eta - 1) * (eta + 1) + w.z * w.z) / eta2)
+    c2 = with_gradient(c2, direct)  # of one term, where that of the other form cancels
+    refracts = c2 > 0
+    c = dr.sqrt(dr.select(refracts, c2, 1))
+    wo = type(w)(-w.x / eta, -w.y / eta, dr.select(w.z > 0, -c, c))
+    return dr.select(refracts, wo, -w), refracts
+
+
 def cosine_hemisphere(u: Any, like: Any) -> Any:
     """A direction with density ``cos / pi`` from `u` in [0, 1)^2, of the type of the 3-vector `like`.
 
@@ -61,3 +99,40 @@ def cosine_hemisphere(u: Any, like: Any) -> Any:
     radius, angle = dr.sqrt(u.x), dr.two_pi * u.y
     s, c = dr.sincos(angle)
     return type(like)(radius * c, radius * s, dr.sqrt(dr.maximum(1 - u.x, 0)))
+
+
+def cosine_power_hemisphere(u: Any, n: Any, like: Any) -> Any:
+    """A direction with density ``(n + 1) / (2 pi) cos^n``, of the type of the 3-vector `like`.
+
+    ``cos = (1 - u.x)^(1 / (n + 1))``; the sine is taken from the logarithm of the cosine, so that directions a
+    millionth of a radian off the normal come out as they should.
+
+    Parameters
+    ----------
+    u : 2- or 3-vector
+        Uniform in [0, 1)^2.
+    n : float
+        The exponent, >= 0 [1].
+    like : 3-vector
+    """
+    log_cos = log1p(-u.x) / (n + 1)
+    sin = dr.sqrt(-expm1(2 * log_cos))
+    s, c = dr.sincos(dr.two_pi * u.y)
+    return type(like)(sin * c, sin * s, dr.exp(log_cos))
+
+
+def about(axis: Any, w: Any) -> Any:
+    """The direction `w`, given in a frame whose third axis is the unit vector `axis`, ``axis.z >= 0``.
+
+    The other two axes complete it without a branch and without a division by 0.
+
+    References
+    ----------
+    duff2017.
+    """
+    a = 1 / (1 + axis.z)
+    b = -axis.x * axis.y * a
+    first = type(axis)(1 - axis.x * axis.x * a, b, -axis.x)
+    second = type(axis)(b, 1 - axis.y * axis.y * a, -axis.y)
+    out = first * w.x + second * w.y + axis * w.z
+    return out * dr.rsqrt(square(out))

@@ -1,15 +1,20 @@
-"""Microfacet bricks: distributions of normals (`D`) and masking-shadowing (`G`)."""
+"""Microfacet bricks: distributions of normals (`D`) and masking-shadowing (`G`).
+
+A distribution is given by the square root of pi D (`beckmann_d_half`, `ggx_d_half`, `blinn_d_half`), the tangents of its
+normals (`beckmann_tangent`, ...) and Smith's masking (`smith_g1`, `ggx_g1`): `DISTRIBUTIONS` has them by name. Each is
+anisotropic with a roughness that depends on the azimuth: see `roughness_of_normal` and `roughness_of_view`.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import drjit as dr
 
-from .stable import is_double, log1p, with_gradient
+from .geometry import Half
+from .stable import EXPONENT_CAP, expm1, is_double, log1p, with_gradient
 
-#: (float32, float64) From here on the exponential is 0: the cap keeps ``0 * inf`` out of its derivative.
-EXPONENT_CAP = (400.0, 2980.0)
 #: (float32, float64) From here on erf(a) is 1 and exp(-a^2) far below rounding.
 ERF_CAP = (6.0, 12.0)
 
@@ -48,6 +53,11 @@ def beckmann_d(tan2: Any, m: Any) -> Any:
     return a * a * dr.inv_pi
 
 
+def beckmann_tangent(u: Any, m: Any) -> Any:
+    """The tangent of a facet's angle from `u` in [0, 1): ``m sqrt(-log(1 - u))``."""
+    return m * dr.sqrt(-log1p(-u))
+
+
 def beckmann_sample(u: Any, m: Any, like: Any) -> Any:
     """A facet normal with density `beckmann_pdf`, of the type of the 3-vector `like`.
 
@@ -58,16 +68,120 @@ def beckmann_sample(u: Any, m: Any, like: Any) -> Any:
     ----------
     walter2007, eq. 28, 29.
     """
-    tan = m * dr.sqrt(-log1p(-u.x))
-    cos = dr.rsqrt(1 + tan * tan)
     s, c = dr.sincos(dr.two_pi * u.y)
-    sin = tan * cos
-    return type(like)(sin * c, sin * s, cos)
+    return facet(beckmann_tangent(u.x, m), c, s, like)
 
 
 def beckmann_pdf(tan2: Any, m: Any) -> Any:
     """The density of `beckmann_sample` with respect to solid angle of the normal: ``D cos`` [1/sr]."""
     return beckmann_d(tan2, m) * dr.rsqrt(1 + tan2)
+
+
+def ggx_d_half(tan2: Any, m: Any) -> Any:
+    """The square root of pi D of Trowbridge and Reitz's distribution, known as GGX.
+
+    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = (1 + tan^2) / (m + tan^2 / m)``, a quotient of sums: written so, no
+    derivative on the way is larger than the last.
+
+    Parameters
+    ----------
+    tan2 : float
+        Squared tangent of the angle between facet normal and surface normal, >= 0 [1].
+    m : float
+        Roughness, > 0 [1]: the slope at which the density of slopes is a quarter of its largest.
+
+    References
+    ----------
+    trowbridge1975; walter2007, eq. 33.
+    """
+    return (1 + tan2) / (m + tan2 / m)
+
+
+def ggx_tangent(u: Any, m: Any) -> Any:
+    """The tangent of a facet's angle from `u` in [0, 1): ``m sqrt(u / (1 - u))`` (walter2007, eq. 35)."""
+    return m * dr.sqrt(u / (1 - u))
+
+
+def blinn_d_half(tan2: Any, m: Any) -> Any:
+    """The square root of pi D of Blinn's distribution, a power of the cosine.
+
+    ``D = (n + 2) / (2 pi) cos^n`` with ``n = 2 / m^2 - 2``, the exponent that matches Beckmann's distribution of
+    roughness `m`. As an exponential: ``A = exp(-(1/m^2 - 1) log(1 + tan^2) / 2) / m``.
+
+    Parameters
+    ----------
+    tan2 : float
+        Squared tangent of the angle between facet normal and surface normal, >= 0 [1].
+    m : float
+        Roughness, in (0, 1] [1]: above 1 the exponent is negative. At 1 all normals are equally dense.
+
+    References
+    ----------
+    blinn1977; walter2007 (Phong's distribution: the constant, and the exponent that matches).
+    """
+    e = log1p(tan2) / m / m * ((1 - m) * (1 + m))
+    return dr.exp(-0.5 * dr.minimum(e, EXPONENT_CAP[is_double(tan2)])) / m
+
+
+def blinn_tangent(u: Any, m: Any) -> Any:
+    """The tangent of a facet's angle from `u` in [0, 1): ``cos = (1 - u)^(1/(n + 2))``, and ``n + 2 = 2 / m^2``."""
+    return dr.sqrt(expm1(-m * m * log1p(-u)))
+
+
+def facet(tan: Any, c: Any, s: Any, like: Any) -> Any:
+    """The unit normal at angle of tangent `tan`, azimuth of cosine `c` and sine `s`, of the type of `like`."""
+    cos = dr.rsqrt(1 + tan * tan)
+    sin = tan * cos
+    return type(like)(sin * c, sin * s, cos)
+
+
+def roughness_of_normal(g: Half, m_u: Any, m_v: Any) -> Any:
+    """The roughness that an anisotropic distribution has at the azimuth of a facet normal.
+
+    ``1 / m^2 = cos_phi^2 / m_u^2 + sin_phi^2 / m_v^2``. With it each distribution here is anisotropic as its authors have
+    it: ``D(tan2, m) m^2 / (m_u m_v)``, whose integral is again 1.
+
+    Parameters
+    ----------
+    g : Half
+        The facet normal is ``(hx, hy, hz)``, of any length. On the surface normal, where no azimuth is, it is 1: `D` does
+        not depend on it there.
+    m_u, m_v : float
+        Roughness along x and y, > 0 [1].
+
+    References
+    ----------
+    ashikhmin2000 (Blinn's, between two exponents); heitz2018 (GGX).
+    """
+    r2, q = g.hx * g.hx + g.hy * g.hy, dr.square(g.hx / m_u) + dr.square(g.hy / m_v)
+    tilted = r2 > 0
+    return dr.sqrt(dr.select(tilted, r2, 1) / dr.select(tilted, q, 1))
+
+
+def roughness_of_view(w: Any, m_u: Any, m_v: Any) -> Any:
+    """The roughness of an anisotropic surface in the plane of a direction, which is what masks it.
+
+    ``m^2 = cos_phi^2 m_u^2 + sin_phi^2 m_v^2`` at the azimuth of `w`: the slopes in a plane have that variance. It is 1 on
+    the normal, where nothing is masked.
+
+    References
+    ----------
+    heitz2014.
+    """
+    r2 = w.x * w.x + w.y * w.y
+    tilted = r2 > 0
+    return dr.sqrt(dr.select(tilted, dr.square(m_u * w.x) + dr.square(m_v * w.y), 1) / dr.select(tilted, r2, 1))
+
+
+def azimuth(u: Any, m_u: Any, m_v: Any) -> tuple[Any, Any, Any]:
+    """Cosine and sine of a facet's azimuth from `u` in [0, 1), and its `roughness_of_normal`.
+
+    The density is ``m^2 / (2 pi m_u m_v)``: a circle stretched by the two.
+    """
+    s, c = dr.sincos(dr.two_pi * u)
+    x, y = m_u * c, m_v * s
+    m = dr.sqrt(x * x + y * y)
+    return x / m, y / m, m
 
 
 def vcavity_g(ci: Any, co: Any, hh: Any, hz: Any) -> Any:
@@ -122,6 +236,58 @@ def smith_g1(w: Any, m: Any) -> Any:
     return 2 / total
 
 
+def ggx_g1(w: Any, m: Any) -> Any:
+    """Smith's masking of one direction for GGX: ``2 / (1 + sqrt(1 + m^2 tan^2))``.
+
+    Parameters
+    ----------
+    w : 3-vector
+        The direction, ``w.z > 0``.
+    m : float
+        Roughness, > 0 [1].
+
+    References
+    ----------
+    smith1967; walter2007, eq. 34.
+    """
+    slope = m / w.z
+    return 2 / (1 + dr.sqrt(1 + slope * slope * (w.x * w.x + w.y * w.y)))
+
+
+def ggx_visible(u: Any, w: Any, m_u: Any, m_v: Any) -> Any:
+    """A facet normal of GGX as seen from `w`.
+
+    Stretched by the roughness the surface is a hemisphere, its normals as seen from `w` the halves between `w` and
+    directions uniform on the sphere above ``-w.z``. Height and radius are sums of positive terms.
+
+    Parameters
+    ----------
+    u : 2-vector
+        Uniform in [0, 1)^2.
+    w : 3-vector
+        The direction from which facets are seen, ``w.z > 0``.
+    m_u, m_v : float
+        Roughness along x and y, > 0 [1].
+
+    Returns
+    -------
+    3-vector
+        With density ``D G1 max(w.h, 0) / w.z``, `G1` Smith's; never facing away from `w`.
+
+    References
+    ----------
+    heitz2018 (the density); dupuy2023 (the sphere).
+    """
+    x, y, z = m_u * w.x, m_v * w.y, w.z
+    scale = dr.rsqrt(x * x + y * y + z * z)
+    x, y, z = x * scale, y * scale, z * scale
+    below, above = u.x * (1 + z), (1 - u.x) * (1 + z)  # from the top down, and from -z up
+    radius = dr.sqrt(below * (above + (x * x + y * y) / (1 + z)))
+    s, c = dr.sincos(dr.two_pi * u.y)
+    h = type(w)(m_u * (radius * c + x), m_v * (radius * s + y), above)
+    return h * dr.rsqrt(h.x * h.x + h.y * h.y + h.z * h.z)
+
+
 def vcavity_visible(h: Any, w: Any, u: Any) -> Any:
     """A facet normal as seen from `w`: `h`, or the other wall of its V-cavity, in proportion to their projected areas.
 
@@ -155,3 +321,20 @@ def vcavity_g1_over_cosine(c: Any, hh: Any, hz: Any) -> Any:
     ``G1 = min(1, 2 n.h n.w / w.h) = min(1, 4 hz c / |h|^2)``, as in `vcavity_g`.
     """
     return dr.minimum(0.25 / c, hz / hh)
+
+
+class Distribution(NamedTuple):
+    """A distribution of facet normals: ``D = d_half(tan2, m)^2 / pi``, tangents sampled by ``tangent(u, m)`` with density
+    ``D cos``, and Smith's masking ``g1(w, m)``."""
+
+    d_half: Callable[[Any, Any], Any]
+    tangent: Callable[[Any, Any], Any]
+    g1: Callable[[Any, Any], Any]
+
+
+#: By name. Blinn's has no closed form of Smith's masking: Beckmann's stands in, as walter2007 advises for Phong's.
+DISTRIBUTIONS = {
+    "beckmann": Distribution(beckmann_d_half, beckmann_tangent, smith_g1),
+    "ggx": Distribution(ggx_d_half, ggx_tangent, ggx_g1),
+    "blinn": Distribution(blinn_d_half, blinn_tangent, smith_g1),
+}

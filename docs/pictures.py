@@ -79,13 +79,13 @@ def moon() -> Figure:
     return figure
 
 
-def card() -> Figure:
+def card(height: float = HEIGHT) -> Figure:
     """An empty card with round corners."""
-    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS)
+    figure = Figure(figsize=(WIDTH, height), dpi=DOTS)
     figure.patch.set_alpha(0)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, WIDTH), ylim=(0, HEIGHT))
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, WIDTH), ylim=(0, height))
     axes.set_axis_off()
-    inner = (0.15, 0.15), WIDTH - 0.3, HEIGHT - 0.3
+    inner = (0.15, 0.15), WIDTH - 0.3, height - 0.3
     axes.add_patch(FancyBboxPatch(*inner, boxstyle="round,pad=0.15", facecolor=PAPER, linewidth=0))
     return figure
 
@@ -99,9 +99,9 @@ def panel(figure: Figure, place: int, title: str, picture: npt.NDArray[Any], lef
     heading(figure, left + 0.23 * place + 0.11, title)
 
 
-def heading(figure: Figure, x: float, text: str) -> None:
+def heading(figure: Figure, x: float, text: str, y: float = 0.9) -> None:
     """A title above a part of the card."""
-    figure.text(x, 0.9, text, ha="center", va="center", color=SOFT)
+    figure.text(x, y, text, ha="center", va="center", color=SOFT)
 
 
 def error_of(view: View, white: float) -> npt.NDArray[np.float64]:

@@ -36,10 +36,10 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
     if any(shape.is_medium_transition() or mi.has_flag(f, mi.BSDFFlags.Null) for shape, f in surfaces):
         return "light goes straight through a surface (a mask, a thin sheet, or a medium behind it)"
     integrator = scene.integrator()
-    kind = integrator.class_name()
-    if kind == "DirectIntegrator":
+    kind = kind_of(integrator)
+    if kind == "direct":
         return None
-    if not ("path" in kind.lower() or "prb" in kind.lower()) or "vol" in kind.lower():
+    if not ("path" in kind or "prb" in kind) or "vol" in kind:
         return f"the scene's integrator is {kind}"
     depth = depth_of(integrator)
     if depth is not None and depth <= DIRECT:
@@ -49,6 +49,11 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
         return None
     most = "any number of" if depth is None else f"up to {depth - 1}"
     return f"light can go from surface to surface ({kind}, {most} bounces)"
+
+
+def kind_of(integrator: mi.Integrator) -> str:
+    """The Mitsuba type of an integrator, written in C++ or in Python: ``path``, ``prb``, ``direct``."""
+    return str(integrator).split("[")[0].lower().removesuffix("integrator")
 
 
 def depth_of(integrator: Any) -> int | None:

@@ -8,7 +8,7 @@ Gauss-Newton matrix are the symmetric cross terms.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -37,6 +37,9 @@ LEAST = 0.1
 NOISE_BINS = 24
 #: Steps by which the noise's coefficients reach their greatest likelihood.
 LIKELIHOOD_STEPS = 20
+#: Half the step of a difference, in the coordinate of the parameter's scale: its square is what the derivative is off
+#: by, relative; a smaller one has more noise where an edge moves across a pixel.
+STEP = 0.03
 
 
 @dataclass(frozen=True)
@@ -86,10 +89,19 @@ class Problem:
     """
 
     def __init__(
-        self, parameters: Parameters, pictures: Sequence[Picture], targets: Sequence[npt.NDArray[np.float32]]
+        self,
+        parameters: Parameters,
+        pictures: Sequence[Picture],
+        targets: Sequence[npt.NDArray[np.float32]],
+        differences: Collection[int] = (),
     ) -> None:
-        """`targets` are linear RGB pictures of shape (height, width, 3)."""
+        """`targets` are linear RGB pictures of shape (height, width, 3).
+
+        `differences` are the components of `x` whose derivatives are taken as central differences with the same random
+        numbers, because those that the pictures' integrator gives are wrong.
+        """
         self.parameters = parameters
+        self.differences = frozenset(differences)
         self.pictures: list[Picture] = list(pictures)
         shown = [np.asarray(t).reshape(-1, 3)[p.pixels].T for p, t in zip(pictures, targets, strict=True)]
         self.target = np.concatenate([t.ravel() for t in shown]).astype(np.float64)
@@ -131,23 +143,33 @@ class Problem:
         """
         variables = self.parameters.place(x, differentiate=True)
         chosen = list(range(len(variables)) if columns_of is None else columns_of)
-        slope = self.parameters.slope(x)[chosen]
+        slope = self.parameters.slope(x)
         parts = self.predict()
-        columns = []
+        columns = {}
         for i in chosen:
+            if i in self.differences:
+                continue
             dr.clear_grad(variables)
             dr.clear_grad(parts)
             dr.set_grad(variables[i], 1)
             dr.enqueue(dr.ADMode.Forward, variables)
             dr.traverse(dr.ADMode.Forward, dr.ADFlag.ClearInterior | dr.ADFlag.ClearInput)
-            columns.append(dr.grad(parts))
+            columns[i] = dr.grad(parts)
         parts = dr.detach(parts)
-        dr.eval(parts, columns)
+        dr.eval(parts, list(columns.values()))
         self.evaluations += 1
         ra, rb = self.fold(parts)
-        folded = [self.fold(column) for column in columns]
-        ja, jb = (np.stack([f[half] for f in folded], axis=1) * slope for half in (0, 1))
+        folded = {i: [half * slope[i] for half in self.fold(column)] for i, column in columns.items()}
+        folded |= {i: self.difference(x, i) for i in chosen if i in self.differences}
+        ja, jb = (np.stack([folded[i][half] for i in chosen], axis=1) for half in (0, 1))
         return Linear((ra - self.target, rb - self.target), (ja, jb))
+
+    def difference(self, x: Array, i: int) -> list[Array]:
+        """Derivative of both halves' predictions in component `i` of `x`, by central differences."""
+        low, high = x.copy(), x.copy()
+        low[i], high[i] = max(x[i] - STEP, self.parameters.low[i]), min(x[i] + STEP, self.parameters.high[i])
+        ends = [self.residuals(end) for end in (low, high)]
+        return [(after - before) / (high[i] - low[i]) for before, after in zip(*ends, strict=True)]
 
     def descend(self, x: Array) -> tuple[float, Array]:
         """Loss and its gradient by reverse-mode differentiation, as a first-order method wants them."""
@@ -159,10 +181,13 @@ class Problem:
         dr.set_grad(parts, self.unfold(scaled * rb, scaled * ra))
         dr.enqueue(dr.ADMode.Backward, parts)
         dr.traverse(dr.ADMode.Backward)
-        gradient = np.array([dr.grad(v)[0] for v in variables], dtype=np.float64)
+        gradient = np.array([dr.grad(v)[0] for v in variables], dtype=np.float64) * self.parameters.slope(x)
+        for i in self.differences:
+            ja, jb = self.difference(x, i)
+            gradient[i] = scaled @ (rb * ja + ra * jb)
         self.evaluations += 1
         self.spread = float(np.mean(self.weights * (0.5 * (ra + rb)) ** 2))
-        return float(np.mean(self.weights * ra * rb)), gradient * self.parameters.slope(x)
+        return float(np.mean(self.weights * ra * rb)), gradient
 
     def predict(self, reverse: bool = False) -> list[mi.Color3f]:
         """What the pictures predict, one after another: see `Picture.predict`."""

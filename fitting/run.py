@@ -21,7 +21,7 @@ from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
 from . import finish, pixels, starts, uncertainty
-from .method import why_rendered
+from .method import kind_of, why_rendered
 from .parameters import Parameters, asked, resolve
 from .picture import Picture
 from .picture.exact import ExactPicture
@@ -44,7 +44,7 @@ TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
 #: Pixels and samples a half for the search of a start.
 SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
 #: Grid points where each is a rendering.
-SEARCH_RENDERINGS = 60
+SEARCH_RENDERINGS = 64
 #: Seeds are below this: Mitsuba takes 32 bits, and each view adds its number.
 SEEDS = 2**31
 #: Iterations allowed, by solver.
@@ -103,7 +103,8 @@ class Run:
                         scene, view.sensor, self.integrator, together, where, samples, seed + number, halves
                     )
                 )
-        return Problem(self.parameters, pictures, [v.target for v in self.views])
+        differences = wrongly_derived(self.parameters, self.integrator) if self.method == "rendered" else ()
+        return Problem(self.parameters, pictures, [v.target for v in self.views], differences)
 
     def solve(self, stage: str) -> None:
         """Run the solver from `x` on the problem as it is weighted now."""
@@ -350,6 +351,17 @@ def refine(run: Run, spp: int | None) -> None:
         fine = bool(np.all(sd <= FINE))
         if still and (fine or widening(run, linear, found) <= QUIET):
             break
+
+
+def wrongly_derived(parameters: Parameters, integrator: mi.Integrator) -> list[int]:
+    """Components of models that declare that this integrator gives a wrong gradient in them, or none."""
+    kind = kind_of(integrator)
+    wrong = []
+    for i, f in enumerate([free for free in parameters.free for _ in range(free.size)]):
+        model = getattr(f.material.bsdf, "model", None)
+        if model is not None and f"gradient_{kind}" in model.faults():
+            wrong.append(i)
+    return wrong
 
 
 def widening(run: Run, linear: Linear, found: uncertainty.Uncertainty) -> float:

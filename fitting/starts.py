@@ -21,8 +21,10 @@ Array = npt.NDArray[np.float64]
 LOG_POINTS, OTHER_POINTS = 12, 5
 #: Beyond this many points the grid becomes a Sobol sequence of this length.
 MOST_POINTS = 256
-#: A logarithmic grid spans this factor below the upper bound; ``eta - 1`` this range.
-LOG_SPAN, ABOVE_ONE = 200.0, (0.05, 2.0)
+#: A logarithmic grid spans this factor below and above the default; ``eta - 1`` this range.
+LOG_SPAN, ABOVE_ONE = 40.0, (0.05, 2.0)
+#: Ends of the names of a colour's components.
+CHANNELS = "rgb"
 
 #: How far from the ends of its range a colour starts, as a fraction of it.
 INSET = 0.01
@@ -31,8 +33,9 @@ INSET = 0.01
 def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Callable[[], None] = lambda: None) -> Array:
     """The best start, in the coordinates `x`.
 
-    The numbers that have no start are tried on a grid. At each of its points the colours without a start are solved for
-    as a linear problem with bounds, which is exact for reflectances.
+    The numbers that have no start are tried on a grid, and so are colours that are not fractions (an index of
+    refraction, a coefficient of scattering), of each the best value for each channel. At each point the fractions
+    without a start are solved for as a linear problem with bounds, which is exact for reflectances.
 
     Parameters
     ----------
@@ -45,37 +48,53 @@ def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Calla
     """
     parameters = problem.parameters
     open_ = np.isnan(fixed)
-    kinds = np.array([q.kind for q in parameters.params])
-    numbers = np.flatnonzero(open_ & (kinds == "number"))
-    colours = np.flatnonzero(open_ & (kinds == "colour"))
+    axes, fractions = [], []
+    for f in parameters.free:
+        places = np.arange(f.size) + sum(g.size for g in parameters.free[: parameters.free.index(f)])
+        if not open_[places].any():
+            continue
+        if f.param.kind == "colour" and f.param.scale == "logit":
+            fractions += places.tolist()
+        else:
+            axes.append((places, f.param))
+    solvable = np.array(fractions, dtype=np.intp)
     defaults = np.array([default(q, c) for q, c in zip(parameters.params, parameters.components, strict=True)])
     base = np.where(open_, defaults, fixed)
-    if not numbers.size and not colours.size:
+    if not axes and not fractions:
         return parameters.free_of(base)
-    best, best_loss = base, math.inf
-    for point in grid([parameters.params[i] for i in numbers], most):
+    channel = np.array([CHANNELS.find(c[-1]) if c[-2] == "." else -1 for c in parameters.components])
+    channel[[p.kind != "colour" for p in parameters.params]] = -1
+    found: dict[tuple[float, ...], tuple[Array, Array]] = {}
+    for point in grid([p for _, p in axes], most):
         pause()
         values = base.copy()
-        values[numbers] = point
-        loss, solved = with_colours(problem, values, colours)
-        if loss < best_loss:
-            best, best_loss = solved, loss
+        for (places, _), v in zip(axes, point, strict=True):
+            values[places] = v
+        losses, solved = with_colours(problem, values, solvable)
+        numbers = tuple(float(v) for (places, _), v in zip(axes, point, strict=True) if len(places) == 1)
+        if numbers in found:
+            old_losses, old = found[numbers]
+            better = losses < old_losses
+            solved = np.where((channel >= 0) & better[channel], solved, old)
+            losses = np.minimum(losses, old_losses)
+        found[numbers] = losses, solved
+    best = min(found.values(), key=lambda each: float(each[0].sum()))[1]
     # At an end of a logit scale the slope vanishes: a colour found to be black starts a little off it.
-    ends = np.array([parameters.params[i].bounds for i in colours]).reshape(-1, 2)
-    inset = np.where(np.isfinite(ends[:, 1]), INSET * (ends[:, 1] - ends[:, 0]), 0.0)
-    best[colours] = np.clip(best[colours], ends[:, 0] + inset, ends[:, 1] - inset)
+    ends = np.array([parameters.params[i].bounds for i in solvable]).reshape(-1, 2)
+    inset = INSET * (ends[:, 1] - ends[:, 0])
+    best[solvable] = np.clip(best[solvable], ends[:, 0] + inset, ends[:, 1] - inset)
     return parameters.free_of(best)
 
 
-def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp]) -> tuple[float, Array]:
-    """The loss at `values` once the components `colours` are solved for, and these values."""
+def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp]) -> tuple[Array, Array]:
+    """The loss of each channel, shape (3,), at `values` once the components `colours` are solved for; these values."""
     parameters = problem.parameters
     x = parameters.free_of(values)
     if not colours.size:
         ra, rb = problem.residuals(x)
         # Not the product of the halves: where few samples meet a sharp lobe, that may be negative and still be the
         # worst.
-        return float(np.mean(problem.weights * (0.5 * (ra + rb)) ** 2)), values
+        return by_channel(problem, problem.weights * (0.5 * (ra + rb)) ** 2), values
     linear = problem.linearize(x, colours)
     w = np.sqrt(problem.weights)
     jacobian = 0.5 * (linear.jacobian[0] + linear.jacobian[1]) / parameters.slope(x)[colours] * w[:, None]
@@ -89,7 +108,13 @@ def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp])
     step = solved - values[colours]
     out = values.copy()
     out[colours] = solved
-    return float(np.mean((r + jacobian @ step) ** 2)), out
+    return by_channel(problem, (r + jacobian @ step) ** 2), out
+
+
+def by_channel(problem: Problem, square: Array) -> Array:
+    """Sums over the residuals of each channel; what is not finite is worse than all."""
+    sums = np.bincount(problem.channel, square, minlength=len(CHANNELS))
+    return np.where(np.isfinite(sums), sums, np.inf)
 
 
 def grid(params: list[Param], most: int) -> list[Array]:
@@ -112,10 +137,12 @@ def grid(params: list[Param], most: int) -> list[Array]:
 def axis(p: Param) -> Array:
     """Values of one number to try, evenly spaced in the coordinate of its scale."""
     low, high = p.interior()
+    usual = float(np.mean(p.default))
     if not math.isfinite(high):
-        high = max(abs(float(p.default)), 1.0) * math.sqrt(LOG_SPAN)
+        high = max(abs(usual), 1.0) * LOG_SPAN
     if p.scale == "log":
-        return np.geomspace(max(low, high / LOG_SPAN), high, LOG_POINTS)
+        middle = usual if usual > low else math.sqrt(low * high)
+        return np.geomspace(max(low, middle / LOG_SPAN), min(high, middle * LOG_SPAN), LOG_POINTS)
     if p.scale == "log_minus_one":
         return 1 + np.geomspace(max(low - 1, ABOVE_ONE[0]), min(high - 1, ABOVE_ONE[1]), OTHER_POINTS)
     inset = (high - low) / (2 * OTHER_POINTS)

@@ -26,6 +26,8 @@ FLAGS = {
 }
 #: The largest float32 below 1: a random number stays inside [0, 1).
 BELOW_ONE = 1 - 2.0**-24
+#: Where the components of an RGB triple that is no reflectance lie in a spectrum, and where Mitsuba's spectra end [nm].
+RGB_AT, SEEN = (650.0, 550.0, 450.0), (360.0, 830.0)
 ACCEPTED = {"Float", "Integer", "Color", "Spectrum", "Object", "ResolvedReference"}
 
 
@@ -286,18 +288,30 @@ def texture(owner: str, p: Param, props: mi.Properties) -> mi.Texture:
         raise UsageError(f"{owner}: {p.name} is given as {got}. It takes one number in {p.range_text()} or a texture.")
     if kind in ("Float", "Integer", "Color"):
         p.check(owner, [float(c) for c in given] if kind == "Color" else float(given))
-        if p.kind == "colour" and (mi.is_rgb or p.name not in props):
+        if p.kind == "colour":
             # Three components that can be told apart, rather than one grey.
-            rgb = list(given) if kind == "Color" else [float(given)] * 3
+            rgb = [float(c) for c in given] if kind == "Color" else [float(given)] * 3
             if mi.is_rgb:
                 props[p.name] = mi.ScalarColor3d(*rgb)
+            elif len(set(rgb)) == 1:
+                props[p.name] = rgb[0]
+            elif mi.is_spectral and p.bounds[1] > 1:
+                props[p.name] = spectrum(rgb)
             else:
-                props[p.name] = float(rgb[0]) if len(set(rgb)) == 1 else mi.ScalarColor3d(*rgb)
+                props[p.name] = mi.ScalarColor3d(*rgb)
     make = props.get_texture if p.bounds[1] <= 1 else props.get_unbounded_texture
     made = make(p.name) if p.name in props else make(p.name, float(p.default))
     if kind not in ("Float", "Integer", "Color"):
         check_texture(owner, p, made)
     return made
+
+
+def spectrum(rgb: list[float]) -> mi.Texture:
+    """A spectrum through an RGB triple that may exceed 1: Mitsuba's own, made for reflectances, would end there."""
+    red, green, blue = rgb
+    points = dict(zip((SEEN[0], *RGB_AT[::-1], SEEN[1]), (blue, blue, green, red, red), strict=True))
+    wavelengths, values = (", ".join(map(repr, numbers)) for numbers in (points.keys(), points.values()))
+    return mi.load_dict({"type": "irregular", "wavelengths": wavelengths, "values": values})  # type: ignore[return-value]
 
 
 def check_texture(owner: str, p: Param, made: mi.Texture) -> None:
@@ -309,6 +323,11 @@ def check_texture(owner: str, p: Param, made: mi.Texture) -> None:
             continue
         values = np.asarray(params[key], dtype=float)
         if mi.is_spectral and ((leaf == "data" and values.shape[-1] == 3) or (leaf == "value" and values.size == 3)):
+            if p.bounds[1] > 1:
+                raise UsageError(
+                    f"{owner}: {p.name} is given as RGB in a texture, which {mi.variant()} takes for reflectances and "
+                    "cuts off at 1. Give a number, a colour or a spectrum, or set an RGB variant."
+                )
             continue  # coefficients of a spectrum made from RGB, not values
         p.check(f"{owner}: in the texture", values)
     if dr.is_jit_v(mi.Float):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import re
@@ -66,7 +65,7 @@ def value(folder: Path, name: str) -> float:
 
 MAKE, PAINT, MOON = blocks("sh")
 USE, MODEL, REGISTER = blocks("python")
-SCENE, DUST = blocks("xml")
+SCENE, DUST, VASES = blocks("xml")
 
 
 def test_what_make_does() -> None:
@@ -160,28 +159,30 @@ def test_the_model_in_an_installed_package(tmp_path: Path) -> None:
     assert 'type="lommelseeliger"' in (tmp_path / "out/moon/material.xml").read_text()
 
 
-def listed(name: str) -> list[list[str]]:
-    """The table that ``brdf models NAME`` prints, without its headings."""
-    lines = run([sys.executable, "-m", "fitting.cli.app", "models", name], REPOSITORY).splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith("parameter "))
-    columns = [m.start() for m in re.finditer(r"\S+", lines[start])] + [None]
-    rows = []
-    for line in lines[start + 1 :]:
-        if not line:
-            break
-        rows.append([line[a:b].strip() for a, b in itertools.pairwise(columns)])
-    return rows
+def test_the_vases(tmp_path: Path) -> None:
+    """Left and right of the block are a material each, and load."""
+    halves = zip(*((line[:56].rstrip(), line[56:]) for line in VASES.splitlines()), strict=True)
+    for half, kind in zip(halves, ("conductor", "exact"), strict=True):
+        (tmp_path / "vase.xml").write_text("\n".join(half).replace("<bsdf ", '<bsdf version="3.0.0" ', 1))
+        code = f"""
+import plugins, mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+plugins.register()
+assert "fresnel = {kind}" in str(mi.load_file("vase.xml"))
+"""
+        python(code, tmp_path)
 
 
-@pytest.mark.parametrize("name", builtin())
-def test_table_of_a_model(name: str) -> None:
-    """If it fails, the lines it prints are what the README should say."""
-    lines = ["| parameter | kind | default | allowed | a fit moves | meaning |", "|---|---|---|---|---|---|"]
-    for parameter, kind, default, allowed, unit, scale, meaning in listed(name):
-        assert unit in ("", "1"), "the table has no column for units"
-        lines.append(f"| `{parameter}` | {kind} | {default} | {allowed.replace(' | ', ', ')} | {scale} | {meaning} |")
-    table = "\n".join(lines)
-    assert f"### `{name}`\n\n{table}\n" in README, f"\n### `{name}`\n\n{table}"
+def test_tables_of_the_models() -> None:
+    """What docs/tables.py writes is what stands there."""
+    sys.path.insert(0, str(REPOSITORY / "docs"))
+    import tables  # pyright: ignore[reportMissingImports]
+
+    again = "run .venv/bin/python docs/tables.py"
+    assert tables.page() == (REPOSITORY / "docs/models.md").read_text(encoding="utf-8"), again
+    assert tables.in_readme(README) == README, again
+    for name in builtin():
+        assert f"[`{name}`](docs/models.md#{name})" in section("The models")
 
 
 def test_table_of_mitsubas_own() -> None:
@@ -204,13 +205,14 @@ def test_links(page: str) -> None:
     text = (REPOSITORY / page).read_text(encoding="utf-8")
     links = [link for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
     assert links or page == "CHANGELOG.md"
-    assert [link for link in links if not (REPOSITORY / link).exists()] == []
+    assert [link for link in links if not (REPOSITORY / link.split("#")[0]).exists()] == []
 
 
 def test_pictures() -> None:
     """They are there, and small."""
     pictures = re.findall(r"!\[.+\]\((.+)\)", README)
-    assert pictures == ["docs/example.png", "docs/moon.png"]
+    drawn = (REPOSITORY / "docs").glob("*.png")
+    assert sorted(pictures) == sorted(f"docs/{path.name}" for path in drawn)
     for picture in pictures:
         assert (REPOSITORY / picture).read_bytes()[:4] == b"\x89PNG"
         assert (REPOSITORY / picture).stat().st_size < 300_000

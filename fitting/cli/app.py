@@ -12,7 +12,7 @@ import typer
 
 from brdf.errors import BrdfError, DataError, UsageError
 
-from . import doctor, example, fit, models, render
+from . import check, doctor, example, fit, models, render
 
 INTERRUPTED = 130
 
@@ -29,6 +29,7 @@ app.command("fit")(fit.command)
 app.command("example")(example.command)
 app.command("render")(render.command)
 app.command("models")(models.command)
+app.command("check")(check.command)
 app.command("doctor")(doctor.command)
 
 

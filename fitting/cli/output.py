@@ -28,8 +28,16 @@ def print_table(table: Table) -> None:
     Console(width=None if sys.stdout.isatty() else WIDE).print(table)
 
 
-def progress_bar() -> Progress:
-    """A progress bar on standard error; silent unless that is a terminal."""
+def progress_bar(pace: float = 30.0) -> Progress:
+    """A progress bar on standard error; silent unless that is a terminal.
+
+    Parameters
+    ----------
+    pace : float
+        The time left is estimated from what was done in so many seconds.
+    """
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    return Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal, speed_estimate_period=pace
+    )

@@ -21,9 +21,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from ..solution import Array, Estimate, Lobes, Step
 from .pictures import LUMINANCE
 
-#: Stand-ins in the SVG, replaced by the page's own colours.
-INK, FAINT = "#b00001", "#b00002"
-SERIES = tuple(f"#a0000{i}" for i in range(8))
+#: The light page's colours. In an SVG the page's own take their place, by name, so that it follows light and dark.
+INK, FAINT = "#1b1f27", "#8a92a0"
+SERIES = ("#0b5cad", "#c2410c", "#0f766e", "#7c3aed", "#946200", "#be185d", "#475569", "#4d7c0f")
 DASHES = ("", "6 3", "2 3")
 #: Size of a plot in its own units (a text is 11 high), and where the axes lie in it: left, bottom, width, height.
 WIDTH, HEIGHT = 400, 235
@@ -73,10 +73,15 @@ class Plot:
     note: str = ""
 
 
-def draw(name: str, drawing: Callable[[Axes], None], frame: tuple[float, float, float, float] = FRAME) -> str:
+def draw(
+    name: str,
+    drawing: Callable[[Axes], None],
+    frame: tuple[float, float, float, float] = FRAME,
+    height: int = HEIGHT,
+) -> str:
     """SVG of one pair of axes; `name` keeps its internal ids apart from those of other plots."""
     with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
-        figure = Figure(figsize=(WIDTH / 72, HEIGHT / 72), dpi=72)
+        figure = Figure(figsize=(WIDTH / 72, height / 72), dpi=72)
         axes = figure.add_axes(frame)
         axes.tick_params(length=0)
         axes.set_axisbelow(True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import drjit as dr
+import mpmath
 import numpy as np
 import pytest
 from mpmath import mpf
@@ -181,6 +182,86 @@ def test_log1p(kind: str) -> None:
     dr.enable_grad(v)
     dr.backward(dr.sum(stable.log1p(v)))
     np.testing.assert_allclose(to_numpy(v.grad), 1 / (1 + x), rtol=4 * EPS[precision(kind)])
+
+
+@vectors
+def test_expm1(kind: str) -> None:
+    x = np.concatenate([-(10.0 ** np.arange(-12, 1.5, 0.5)), 10.0 ** np.arange(-12, 1.5, 0.5), [0.0]])
+    x = single(x)
+    got = call(lambda v: stable.expm1(v), VECTORS[kind], x)
+    assert (np.abs(got - np.expm1(x)) <= 4 * EPS[precision(kind)] * np.abs(np.expm1(x))).all()
+    if kind.endswith("scalar"):
+        return
+    v = dr.value_t(VECTORS[kind])(x)
+    dr.enable_grad(v)
+    dr.backward(dr.sum(stable.expm1(v)))
+    np.testing.assert_allclose(to_numpy(v.grad), np.exp(x), rtol=4 * EPS[precision(kind)])
+
+
+@vectors
+def test_cosine_integral(kind: str) -> None:
+    """A beta function. ``W(0) = pi``, ``W(1) = 2``, ``W(2) = pi / 2``."""
+    n = single([0, 1, 2, 0.1, 0.5, 3.7, 10, 50, 1e3, 1e4, 1e6])
+    got = call(lambda v: stable.cosine_integral(v), VECTORS[kind], n)
+    want = np.array([float(mpmath.beta(mpf(0.5), (mpf(x) + 1) / 2)) for x in n])
+    np.testing.assert_allclose(want[:3], [np.pi, 2, np.pi / 2], rtol=1e-15)
+    # Six factors and a root, half a rounding or one each.
+    np.testing.assert_allclose(got, want, rtol=8 * EPS[precision(kind)])
+
+
+@vectors
+def test_cosine_power(kind: str) -> None:
+    """Of vectors in a plane at angles down to a millionth, the exponent such that the power is about 1 / e."""
+    angle = np.array([0.0, 1e-6, 1e-3, 0.1, 1.0, 1.04, 1.05, 1.5, 1.57])
+    a, b = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])
+    wi = single(np.tile(a, (len(angle), 1)))
+    wo = single(np.outer(np.cos(angle), a) + np.outer(np.sin(angle), b))
+    n = single(np.minimum(2 / np.maximum(angle, 1e-3) ** 2, 1e6))
+    got = call(
+        lambda i, o, x: stable.cosine_power(geometry.square(i - o), geometry.square(i + o), dr.dot(i, o), x),
+        VECTORS[kind],
+        wi,
+        wo,
+        n,
+    )
+    want = []
+    for i, o, x in zip(wi, wo, n, strict=True):
+        i, o = [mpf(c) for c in i], [mpf(c) for c in o]
+        dot, size = sum(p * q for p, q in zip(i, o, strict=True)), sum(p * p + q * q for p, q in zip(i, o, strict=True))
+        want.append(float((2 * dot / size) ** mpf(x)))
+    # What a rounding of the angle, or of a product near 90 degrees, does.
+    scale = np.array(want) * (1 + n * np.sin(angle) * np.maximum(angle, 1 / np.cos(angle) - 1))
+    assert (np.abs(got - want) <= 4 * EPS[precision(kind)] * scale).all()
+    opposite = call(lambda i, o, x: stable.cosine_power(4, 0 * i.x, -1 + 0 * i.x, x), VECTORS[kind], wi, wo, n)
+    assert (opposite == 0).all()
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+@pytest.mark.parametrize("n", [0.0, 1.0, 100.0, 1e6])
+def test_cosine_power_hemisphere(kind: str, n: float) -> None:
+    """The cosine has the CDF ``1 - cos^(n+1)``, also in the last digits of a sharp lobe's sine."""
+    vector = VECTORS[kind]
+    u = np.concatenate([(np.arange(4096) + 0.5) / 4096, 1.3 * 2.0 ** -np.arange(12, 25), [0.0]])
+    w = to_numpy(geometry.cosine_power_hemisphere(vector(u, (u * 41) % 1, 0), dr.value_t(vector)(n), vector(0)))
+    log_cos = np.log1p(-to_numpy(dr.value_t(vector)(u))) / (n + 1)
+    np.testing.assert_allclose(np.hypot(w[0], w[1]), np.sqrt(-np.expm1(2 * log_cos)), rtol=8 * EPS[kind])
+    np.testing.assert_allclose(np.linalg.norm(w, axis=0), 1, rtol=8 * EPS[kind])
+    assert (w[2] > 0).all()
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_about(kind: str) -> None:
+    """A rotation that takes the normal to the axis: it keeps lengths and angles, for every axis above the surface."""
+    vector = VECTORS[kind]
+    axis, w = directions.hemisphere(2000, 6), directions.hemisphere(2000, 7)
+    axis[0], axis[1], axis[2] = [0, 0, 1], [1, 0, 0], [-0.8, -0.6, 0]
+    turned = to_numpy(geometry.about(vector(*axis.T), vector(*w.T))).T
+    close = 16 * EPS[kind]
+    np.testing.assert_allclose(np.linalg.norm(turned, axis=1), 1, atol=close)
+    np.testing.assert_allclose(np.sum(turned * axis, axis=1), w[:, 2], atol=close)
+    basis = [to_numpy(geometry.about(vector(*axis.T), vector(*e))).T for e in np.eye(3).tolist()]
+    np.testing.assert_allclose(np.cross(basis[0], basis[1]), basis[2], atol=close)
+    np.testing.assert_allclose(sum(w[:, i : i + 1] * e for i, e in enumerate(basis)), turned, atol=close)
 
 
 @pytest.mark.parametrize("kind", ["float32", "float64"])

@@ -24,12 +24,24 @@ FOLDER = Path(brdf.__file__).parent
 KEY = re.compile(r"\b[a-z]+(?:19|20|18|17)\d\d[a-z]?\b")
 
 
+#: Choices that act on each other: every combination of them is tried. Of the others, each option once.
+TOGETHER = {"masking", "distribution", "roughness"}
+
+
 def instances() -> list[Model]:
-    """Every model with every combination of its choices."""
+    """Every model with every option of its choices, and every combination of those that act on each other."""
     made = []
     for model in builtin().values():
         options = {p.name: p.options for p in model.params if p.kind == "choice"}
-        made += [model(**dict(zip(options, c, strict=True))) for c in itertools.product(*options.values())]
+        usual = {name: known[0] for name, known in options.items()}
+        several = {name: known for name, known in options.items() if name in TOGETHER}
+        made += [model(**{**usual, **dict(zip(several, c, strict=True))}) for c in itertools.product(*several.values())]
+        made += [
+            model(**{**usual, name: option})
+            for name, known in options.items()
+            if name not in TOGETHER
+            for option in known[1:]
+        ]
     return made
 
 
@@ -123,13 +135,21 @@ def test_choices() -> None:
         "specular_reflectance",
         "m",
     ]
-    with pytest.raises(UsageError, match=r"^cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant\.$"):
+    options = "exact, schlick, constant, conductor"
+    with pytest.raises(UsageError, match=rf"^cooktorrance: fresnel = 'snell' is not one of {options}\.$"):
         CookTorrance(fresnel="snell")
-    known = "fresnel, masking, distribution"
+    known = "fresnel, masking, distribution, roughness, normalization"
     with pytest.raises(
         UsageError, match=rf"^cooktorrance: 'fresnell' is not a choice of this model\. It has: {known}\.$"
     ):
         CookTorrance(fresnell="exact")
+    metal = {p.name: p for p in CookTorrance(fresnel="conductor").parameters()}
+    assert list(metal) == ["diffuse_reflectance", "specular_reflectance", "m", "eta", "k"]
+    assert (metal["eta"].kind, metal["eta"].bounds) == ("colour", (1e-3, 20.0))
+    brushed = {p.name: p for p in CookTorrance(roughness="anisotropic", distribution="blinn").parameters()}
+    assert list(brushed) == ["diffuse_reflectance", "specular_reflectance", "m_u", "m_v", "eta"]
+    assert brushed["m_u"].bounds == (1e-4, 1.0)
+    assert CookTorrance(roughness="anisotropic").anisotropic and not CookTorrance().anisotropic
     with pytest.raises(UsageError, match=r"^lambertian: 'x' is not a choice of this model. It has: none\.$"):
         Lambertian(x="y")
 

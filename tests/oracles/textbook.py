@@ -48,6 +48,40 @@ def beckmann_peak(nh: Any, m: Any) -> Any:
     return 1 / (mpmath.pi * m**2 * nh**4)
 
 
+def ggx_d(nh: Any, m: Any) -> Any:
+    """Walter et al. 2007, eq. 33."""
+    theta = mpmath.acos(nh)
+    return m**2 / (mpmath.pi * mpmath.cos(theta) ** 4 * (m**2 + mpmath.tan(theta) ** 2) ** 2)
+
+
+def blinn_d(nh: Any, m: Any) -> Any:
+    """A power of the cosine, of exponent 2/m^2 - 2."""
+    n = 2 / m**2 - 2
+    return (n + 2) / (2 * mpmath.pi) * nh**n
+
+
+def beckmann_d_uv(h: Vector, u: Any, v: Any) -> Any:
+    """Of a facet normal of any length, roughness u along x and v along y."""
+    x, y = h[0] / h[2], h[1] / h[2]
+    return mpmath.exp(-((x / u) ** 2) - (y / v) ** 2) * (1 + x * x + y * y) ** 2 / (mpmath.pi * u * v)
+
+
+def ggx_d_uv(h: Vector, u: Any, v: Any) -> Any:
+    """Heitz 2018, of the unit normal: ``1 / (pi u v ((x/u)^2 + (y/v)^2 + z^2)^2)``."""
+    length = mpmath.sqrt(mpmath.fsum(c * c for c in h))
+    x, y, z = (c / length for c in h)
+    return 1 / (mpmath.pi * u * v * ((x / u) ** 2 + (y / v) ** 2 + z**2) ** 2)
+
+
+def blinn_d_uv(h: Vector, u: Any, v: Any) -> Any:
+    """Ashikhmin and Shirley 2000: exponents n_u and n_v, mixed by azimuth, constant ``sqrt((n_u + 2)(n_v + 2))/(2 pi)``."""
+    n_u, n_v = 2 / u**2 - 2, 2 / v**2 - 2
+    r2 = h[0] ** 2 + h[1] ** 2
+    n = (n_u * h[0] ** 2 + n_v * h[1] ** 2) / r2 if r2 else mpf(0)
+    cos = h[2] / mpmath.sqrt(r2 + h[2] ** 2)
+    return mpmath.sqrt((n_u + 2) * (n_v + 2)) / (2 * mpmath.pi) * cos**n
+
+
 def vcavity_g(p: Pair) -> Any:
     return min(mpf(1), 2 * p.nh * p.ni / p.half_length, 2 * p.nh * p.no / p.half_length)
 
@@ -63,6 +97,26 @@ def smith_g1(w: Vector, m: Any) -> Any:
         return mpf(1)
     a = 1 / (m * t)
     return 2 / (1 + mpmath.erf(a) + mpmath.exp(-(a**2)) / (a * mpmath.sqrt(mpmath.pi)))
+
+
+def ggx_g1(w: Vector, m: Any) -> Any:
+    """Walter et al. 2007, eq. 34."""
+    return 2 / (1 + mpmath.sqrt(1 + (m * tan(w)) ** 2))
+
+
+def roughness_towards(w: Vector, u: Any, v: Any) -> Any:
+    """Heitz 2014: roughness in the plane of a direction."""
+    phi = mpmath.atan2(w[1], w[0])
+    return mpmath.sqrt((u * mpmath.cos(phi)) ** 2 + (v * mpmath.sin(phi)) ** 2)
+
+
+def fresnel_conductor(c: Any, eta: Any, k: Any) -> Any:
+    """The dielectric's two amplitudes with a complex index."""
+    n = mpmath.mpc(eta, k)
+    cos_t = mpmath.sqrt(1 - (1 - c**2) / n**2)
+    s = (c - n * cos_t) / (c + n * cos_t)
+    p = (n * c - cos_t) / (n * c + cos_t)
+    return (abs(s) ** 2 + abs(p) ** 2) / 2
 
 
 def fresnel_dielectric(c: Any, eta: Any) -> Any:
@@ -91,6 +145,16 @@ MASKING: dict[str, Callable[[Pair, Any], Any]] = {
     "smith": lambda p, m: smith_g1(p.i, m) * smith_g1(p.o, m),
     "none": lambda p, m: mpf(1),
 }
+
+
+DISTRIBUTION: dict[str, Callable[[Vector, Any, Any], Any]] = {
+    "beckmann": beckmann_d_uv,
+    "ggx": ggx_d_uv,
+    "blinn": blinn_d_uv,
+}
+ISOTROPIC: dict[str, Callable[[Any, Any], Any]] = {"beckmann": beckmann_d, "ggx": ggx_d, "blinn": blinn_d}
+#: Smith's masking by the distribution; Beckmann's stands in for Blinn's.
+SMITH: dict[str, Callable[[Vector, Any], Any]] = {"beckmann": smith_g1, "ggx": ggx_g1, "blinn": smith_g1}
 
 
 def cooktorrance_pdf(p: Pair, m: Any, d: Callable[..., Any] = beckmann_d) -> Any:

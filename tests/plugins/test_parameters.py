@@ -172,7 +172,10 @@ def test_a_spectrum_is_a_spectrum() -> None:
 
 
 M_RANGE = "is outside [1e-4, 1.5]. m is the rms slope; an artist's roughness r is m = r**2."
-HAS = "It has: diffuse_reflectance, specular_reflectance, m, eta, fresnel, masking, distribution."
+HAS = (
+    "It has: diffuse_reflectance, specular_reflectance, m, m_u, m_v, eta, k, fresnel, masking, distribution, roughness, "
+    "normalization."
+)
 ERRORS = [
     ('<float name="m" value="1.7"/>', f"cooktorrance: m = 1.7 {M_RANGE}"),
     ('<float name="m" value="nan"/>', f"cooktorrance: m = nan {M_RANGE}"),
@@ -193,12 +196,16 @@ ERRORS = [
     ('<float name="zzz" value="1"/>', f"cooktorrance: 'zzz' is not a parameter of this model. {HAS}"),
     (
         '<string name="fresnel" value="snell"/>',
-        "cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant.",
+        "cooktorrance: fresnel = 'snell' is not one of exact, schlick, constant, conductor.",
     ),
-    ('<float name="fresnel" value="1"/>', "cooktorrance: fresnel takes a <string>: one of exact, schlick, constant."),
+    (
+        '<float name="fresnel" value="1"/>',
+        "cooktorrance: fresnel takes a <string>: one of exact, schlick, constant, conductor.",
+    ),
     (
         '<string name="fresnel" value="constant"/><float name="eta" value="1.5"/>',
-        "cooktorrance: 'eta' is not a parameter with fresnel = constant, masking = vcavity, distribution = beckmann. "
+        "cooktorrance: 'eta' is not a parameter with fresnel = constant, masking = vcavity, distribution = beckmann, "
+        "roughness = isotropic, normalization = walter. "
         "It has: diffuse_reflectance, specular_reflectance, m.",
     ),
     (
