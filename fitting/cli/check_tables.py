@@ -39,7 +39,7 @@ ELSEWHERE = ("command", "figure", "found", "parameters")
 def show(checked: Checked) -> None:
     """Print everything."""
     console = Console(width=None if sys.stdout.isatty() else WIDE, highlight=False, soft_wrap=not sys.stdout.isatty())
-    compact = len(checked.results) > SEVERAL or len({asked.model for asked in checked.asked}) > 1
+    compact = len(checked.results) > SEVERAL or len({asked.owner for asked in checked.asked}) > 1
     if compact:
         console.print(overview(checked.results, console))
         console.print(LEGEND)
@@ -97,7 +97,7 @@ def failures(console: Console, title: str, found: Sequence[tuple[str, Result]], 
     if not found:
         return
     console.print(Text(f"{title}:", "bold"))
-    model = {asked.name: asked.model or asked.name for asked in checked.asked}
+    model = {asked.name: asked.owner for asked in checked.asked}
 
     def alike(item: tuple[str, Result]) -> tuple[Any, ...]:
         name, result = item
