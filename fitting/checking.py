@@ -124,7 +124,7 @@ class Checked:
 
 
 def kind(result: Result) -> str:
-    """The kinds of outcome: ``passed``, ``not asked``, ``declared``, ``failed``, ``undue`` (passed, though declared)."""
+    """The kinds of outcome: ``passed``, ``not asked``, ``declared``, ``failed``, ``undue`` (declared, but passed)."""
     if result.passed:
         return "undue" if not result.expected else "not asked" if result.figure is None else "passed"
     return "declared" if result.expected else "failed"
