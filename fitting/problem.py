@@ -39,7 +39,7 @@ NOISE_BINS = 24
 LIKELIHOOD_STEPS = 20
 #: Half the step of a difference, in the coordinate of the parameter's scale: its square is what the derivative is off
 #: by, relative; a smaller one has more noise where an edge moves across a pixel.
-STEP = 0.01
+STEP = 0.03
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
 #: Pixels and samples a half for the search of a start.
 SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
 #: Grid points where each is a rendering.
-SEARCH_RENDERINGS = 60
+SEARCH_RENDERINGS = 64
 #: Seeds are below this: Mitsuba takes 32 bits, and each view adds its number.
 SEEDS = 2**31
 #: Iterations allowed, by solver.

@@ -65,7 +65,7 @@ def value(folder: Path, name: str) -> float:
 
 MAKE, PAINT, MOON = blocks("sh")
 USE, MODEL, REGISTER = blocks("python")
-SCENE, DUST = blocks("xml")
+SCENE, DUST, VASES = blocks("xml")
 
 
 def test_what_make_does() -> None:
@@ -159,6 +159,20 @@ def test_the_model_in_an_installed_package(tmp_path: Path) -> None:
     assert 'type="lommelseeliger"' in (tmp_path / "out/moon/material.xml").read_text()
 
 
+def test_the_vases(tmp_path: Path) -> None:
+    """Left and right of the block are a material each, and load."""
+    halves = zip(*((line[:56].rstrip(), line[56:]) for line in VASES.splitlines()), strict=True)
+    for half, kind in zip(halves, ("conductor", "exact"), strict=True):
+        (tmp_path / "vase.xml").write_text("\n".join(half).replace("<bsdf ", '<bsdf version="3.0.0" ', 1))
+        code = f"""
+import plugins, mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+plugins.register()
+assert "fresnel = {kind}" in str(mi.load_file("vase.xml"))
+"""
+        python(code, tmp_path)
+
+
 def test_tables_of_the_models() -> None:
     """What docs/tables.py writes is what stands there."""
     sys.path.insert(0, str(REPOSITORY / "docs"))
@@ -197,7 +211,8 @@ def test_links(page: str) -> None:
 def test_pictures() -> None:
     """They are there, and small."""
     pictures = re.findall(r"!\[.+\]\((.+)\)", README)
-    assert pictures == ["docs/example.png", "docs/moon.png"]
+    drawn = (REPOSITORY / "docs").glob("*.png")
+    assert sorted(pictures) == sorted(f"docs/{path.name}" for path in drawn)
     for picture in pictures:
         assert (REPOSITORY / picture).read_bytes()[:4] == b"\x89PNG"
         assert (REPOSITORY / picture).stat().st_size < 300_000

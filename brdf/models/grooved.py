@@ -15,9 +15,9 @@ from ..stable import cube_remainder_of_sine, is_double, log1p, with_gradient
 
 #: (float32, float64) The Phong lobe is integrated where it is above exp(-this) of its maximum: as much as rounding.
 EFOLDS = (16.0, 32.0)
-#: (float32, float64) Points > 0 and weights of the Gauss-Legendre rule on [-1, 1], which is symmetric, of 18 and 32 points.
-#: Against adaptive quadrature it is off by at most 5e-7 and 5e-10 of the value, for exponents from 3 to 1e4; below 3 by
-#: 2e-6 and 1e-7, if broken, since the lobe then ends with a kink.
+#: (float32, float64) Points > 0 and weights of the Gauss-Legendre rule on [-1, 1], which is symmetric, of 18 and 32
+#: points. Against adaptive quadrature it is off by at most 5e-7 and 5e-10 of the value, for exponents from 3 to 1e4; by
+#: 2e-6 and 1e-7 for broken ones below 3, where the lobe ends with a kink.
 RULES = tuple(
     [(float(x), float(w)) for x, w in zip(*np.polynomial.legendre.leggauss(n), strict=True) if x > 0] for n in (18, 32)
 )
@@ -29,9 +29,9 @@ class Grooved(Model):
     """A row of cylinders of radius 1 along y, `spacing` apart, whose axes lie `height` below a flat floor.
 
     ``f = 1/spacing integral of base(n') (n'.wi)/wi.z (n'.wo)/wo.z`` over what of one period is seen from `wi` and from
-    `wo`, with ``base = reflectance / pi + specular_reflectance (exponent + 2) / (2 pi) max(cos a, 0)^exponent``, `a` the
-    angle between `wo` and the mirror image of `wi` about the normal ``n'`` there (Lafortune and Willems' Phong lobe: it
-    is reciprocal, and its albedo is at most `specular_reflectance`).
+    `wo`, with ``base = reflectance / pi + specular_reflectance (exponent + 2) / (2 pi) max(cos a, 0)^exponent``, `a`
+    the angle between `wo` and the mirror image of `wi` about the normal ``n'`` there. The Phong lobe is Lafortune and
+    Willems': with (exponent + 2) it is reciprocal, and reflects at most `specular_reflectance`.
 
     Across the grooves, in the x-z plane, the arc of a cylinder and the stretch of floor that a direction reaches each
     have two ends in closed form (see `reach`), so what both directions reach is one arc and one stretch of floor. Over
@@ -40,13 +40,13 @@ class Grooved(Model):
 
     Light is scattered once: what one groove throws onto another is lost, so energy is lost and never gained.
 
-    Sampling follows a line of sight: a point of the period as `wi` sees it, then the Phong lobe there. No sample
-    weighs more than ``specular_reflectance (exponent + 2) / (exponent + 1)``.
+    Sampling follows a line of sight to a point of the period, reflects it there by the Phong lobe, and is lost if the
+    way out is blocked. No sample weighs more than ``specular_reflectance (exponent + 2) / (exponent + 1)``.
 
     Notes
     -----
-    Poulin and Fournier integrate the specular part by a Chebyshev approximation, and their Phong lobe is not
-    normalised. They also have grooves cut into the floor, which are not here.
+    Poulin and Fournier integrate the specular part by a Chebyshev approximation. They also have cylinders taken away
+    from the surface, which are not here.
 
     References
     ----------
@@ -90,9 +90,7 @@ class Grooved(Model):
         return True
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any]:
-        i, o = reach(p, wi), reach(p, wo)
-        low, high = dr.maximum(i.low, o.low), dr.minimum(i.high, o.high)
-        floor = dr.maximum(p.spacing - dr.maximum(i.left, o.left) - dr.maximum(i.right, o.right), 0)
+        low, high, floor = in_common(p, reach(p, wi), reach(p, wo))
         phong = Phong(p.exponent, wi, wo)
         ti, to = wi.x / wi.z, wo.x / wo.z
 
@@ -105,15 +103,17 @@ class Grooved(Model):
         glossy = moving_ends(phong.arc(facing, start, end), lambda s, c: facing(s, c) * phong(s, c), low, high)
         scale = 1 / p.spacing
         diffuse = (floor + diffuse) * scale * dr.inv_pi
-        glossy = (floor * phong(0, 1) + glossy) * scale * ((p.exponent + 2) * dr.inv_two_pi)
+        glossy = (floor * phong.floor + glossy) * scale * ((p.exponent + 2) * dr.inv_two_pi)
         return p.reflectance * diffuse, p.specular_reflectance * glossy
 
     def sample(self, p: Values, wi: Any, u: Any, lobe: int) -> Any:
         if lobe == 0:
             return geometry.cosine_hemisphere(u, wi)
         vector = type(wi)
-        s, c = dr.sincos(reach(p, wi).arc_as_seen(p, u.z))
-        on_floor = u.z < reach(p, wi).floor(p)
+        i = reach(p, wi)
+        angle, place = i.arc_as_seen(p, u.z), i.left + u.z * p.spacing
+        on_floor = u.z < i.floor(p)
+        s, c = dr.sincos(angle)
         m = vector(dr.select(on_floor, 0, s), 0, dr.select(on_floor, 1, c))
         # The lobe lies about `wi` first: a reflection brings the z axis there, and then one about `m`.
         log_cos = log1p(-u.x) / (p.exponent + 1)
@@ -123,16 +123,20 @@ class Grooved(Model):
         between = vector(wi.x, wi.y, wi.z + 1)
         about_wi = geometry.reflect_about(vector(sin * x, sin * y, cos), between * dr.rsqrt(geometry.square(between)))
         wo = geometry.reflect_about(about_wi, m)
-        return dr.select(m.x * wo.x + m.z * wo.z > 0, wo, vector(0, 0, -1))  # into the surface: lost
+        # What cannot leave from there is lost.
+        up = wo.z > 0
+        o = reach(p, dr.select(up, wo, vector(0, 0, 1)))
+        leaves = dr.select(
+            on_floor, (place > o.left) & (place < p.spacing - o.right), (angle > o.low) & (angle < o.high)
+        )
+        return dr.select(up & leaves, wo, vector(0, 0, -1))
 
     def pdf(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any]:
-        i, o = reach(p, wi), reach(p, wo, shadows=False)
+        low, high, floor = in_common(p, reach(p, wi), reach(p, wo))
         phong = Phong(p.exponent, wi, wo)
         t = wi.x / wi.z
-        low, high = dr.maximum(i.low, o.low), dr.minimum(i.high, o.high)
-        arc = phong.arc(lambda s, c: dr.maximum(c + s * t, 0), low, high) / p.spacing
-        density = i.floor(p) * phong(0, 1) + arc
-        return wo.z * dr.inv_pi, (p.exponent + 1) * dr.inv_two_pi * density
+        arc = phong.arc(lambda s, c: dr.maximum(c + s * t, 0), low, high)
+        return wo.z * dr.inv_pi, (floor * phong.floor + arc) / p.spacing * ((p.exponent + 1) * dr.inv_two_pi)
 
     def choose(self, p: Values, wi: Any) -> tuple[Any, Any]:
         return dr.mean(p.reflectance), dr.mean(p.specular_reflectance)
@@ -170,8 +174,14 @@ class Reach(NamedTuple):
         return self.turn * (2 * dr.asin(dr.sqrt(dr.lerp(first, last, u))) - self.elevation)
 
 
-def reach(p: Values, w: Any, shadows: bool = True) -> Reach:
-    """What of one period is reached from direction `w`; without `shadows`, as if each cylinder stood alone.
+def in_common(p: Values, i: Reach, o: Reach) -> tuple[Any, Any, Any]:
+    """What both reach: the arc's two ends [rad] and the length of the floor. It does not matter which comes first."""
+    covered = dr.maximum(i.left, o.left) + dr.maximum(i.right, o.right)
+    return dr.maximum(i.low, o.low), dr.minimum(i.high, o.high), dr.maximum(p.spacing - covered, 0)
+
+
+def reach(p: Values, w: Any) -> Reach:
+    """What of one period is reached from direction `w`.
 
     Mirrored so that `w` leans towards +x, with `e` its elevation in the plane across:
 
@@ -202,18 +212,15 @@ def reach(p: Values, w: Any, shadows: bool = True) -> Reach:
     foot = dr.sqrt(foot2)
     rim = 2 * dr.asin(dr.sqrt(0.5 * (1 - p.height)))
     back = dr.minimum(rim, elevation)
-    if not shadows:
-        front, hidden = rim, foot
-    else:
-        # sin^2(a/2) and cos^2(a/2), whichever is smaller; beyond a = pi nothing stands in the way
-        sin2, cos2 = 0.5 * p.spacing * sin, cos * cos / (1 + sin) - (0.5 * p.spacing - 1) * sin
-        free = cos2 <= 0
-        half = dr.asin(dr.sqrt(dr.select(free, 0.25, dr.minimum(sin2, cos2))))
-        angle = dr.select(free, dr.pi, dr.select(sin2 < cos2, 2 * half, dr.pi - 2 * half))
-        front = dr.minimum(rim, angle - elevation)
-        # (1 - height cos) / sin without the difference
-        tangent = (sin + foot2 * cos * (cos / sin)) / (1 + p.height * cos)
-        hidden = dr.select(cos > p.height, dr.minimum(tangent, p.spacing), foot)
+    # sin^2(a/2) and cos^2(a/2), whichever is smaller; beyond a = pi nothing stands in the way
+    sin2, cos2 = 0.5 * p.spacing * sin, cos * cos / (1 + sin) - (0.5 * p.spacing - 1) * sin
+    free = cos2 <= 0
+    half = dr.asin(dr.sqrt(dr.select(free, 0.25, dr.minimum(sin2, cos2))))
+    angle = dr.select(free, dr.pi, dr.select(sin2 < cos2, 2 * half, dr.pi - 2 * half))
+    front = dr.minimum(rim, angle - elevation)
+    # (1 - height cos) / sin without the difference
+    tangent = (sin + foot2 * cos * (cos / sin)) / (1 + p.height * cos)
+    hidden = dr.select(cos > p.height, dr.minimum(tangent, p.spacing), foot)
     forward = turn > 0
     return Reach(
         dr.select(forward, -back, -front),
@@ -234,16 +241,25 @@ class Phong:
 
     def __init__(self, exponent: Any, wi: Any, wo: Any) -> None:
         ri, ro = (dr.sqrt(w.x * w.x + w.z * w.z) for w in (wi, wo))
-        both = 1 / (geometry.square(wi) + geometry.square(wo))
+        along2, both = dr.square(wi.y + wo.y), 1 / (geometry.square(wi) + geometry.square(wo))
+        self.double = is_double(ri)
         self.exponent = exponent
-        self.least = (dr.square(ri - ro) + dr.square(wi.y + wo.y)) * both
+        self.least = (dr.square(ri - ro) + along2) * both
         self.swing = 4 * ri * ro * both
         self.bisector = 0.5 * (dr.atan2(wi.x, wi.z) + dr.atan2(wo.x, wo.z))
         self.s, self.c = dr.sincos(self.bisector)
-        self.double = is_double(ri)
+        #: On the floor: there v is the squared distance from the mirror image, without a detour by angles.
+        self.floor = self.power((dr.square(wi.x + wo.x) + along2 + dr.square(wi.z - wo.z)) * both)
 
     def __call__(self, s: Any, c: Any) -> Any:
-        v = self.least + self.swing * dr.square(s * self.c - c * self.s)
+        return self.at(s * self.c - c * self.s)
+
+    def at(self, sin: Any) -> Any:
+        """The lobe where the angle from the bisector has this sine."""
+        return self.power(self.least + self.swing * sin * sin)
+
+    def power(self, v: Any) -> Any:
+        """``max(1 - v, 0)^exponent``."""
         return dr.select(v < 1, dr.exp(self.exponent * log1p(-dr.minimum(v, BELOW_ONE[self.double]))), 0)
 
     def arc(self, weight: Callable[[Any, Any], Any], low: Any, high: Any) -> Any:
@@ -251,21 +267,27 @@ class Phong:
         angle of the bisector.
 
         The rule is spread over where the lobe is above rounding, so that sharp lobes are as accurate as broad ones.
+        The lobe is told the angle from the bisector, the weight that from z: near grazing neither can be had from the
+        other without loss.
         """
         nearest = dr.clip(self.bisector, low, high)
         sin2 = dr.square(dr.sin(nearest - self.bisector))
         room = dr.maximum(1 - self.least - self.swing * sin2, 0)
-        edge = sin2 + room * (1 - dr.exp(-EFOLDS[self.double] / self.exponent)) / dr.maximum(self.swing, 1e-30)
-        window = dr.detach(dr.select(edge < 1, dr.asin(dr.sqrt(dr.minimum(edge, 1))), dr.pi))
-        low = dr.maximum(low, self.bisector - window)
-        high = dr.maximum(low, dr.minimum(high, self.bisector + window))
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        s, c = dr.sincos(middle)
+        fall = room * (1 - dr.exp(-EFOLDS[self.double] / self.exponent))
+        inside = fall < self.swing * (1 - sin2)
+        edge = sin2 + fall / dr.select(inside, self.swing, 1)
+        window = dr.detach(dr.select(inside, dr.asin(dr.sqrt(dr.minimum(edge, 1))), dr.pi))
+        near, far = dr.maximum(low - self.bisector, -window), dr.minimum(high - self.bisector, window)
+        low, high = dr.maximum(low, self.bisector - window), dr.minimum(high, self.bisector + window)
+        half = dr.maximum(0.5 * (far - near), 0)
+        s, c = dr.sincos(0.5 * (low + high))
+        ts, tc = dr.sincos(0.5 * (near + far))
         total = 0.0
         for x, w in RULES[self.double]:
             ds, dc = dr.sincos(half * x)
-            after, before = (s * dc + c * ds, c * dc - s * ds), (s * dc - c * ds, c * dc + s * ds)
-            total += w * (self(*after) * weight(*after) + self(*before) * weight(*before))
+            for sign in (1, -1):
+                d = sign * ds
+                total += w * (self.at(ts * dc + tc * d) * weight(s * dc + c * d, c * dc - s * d))
         return total * half
 
 

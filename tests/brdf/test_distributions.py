@@ -157,7 +157,7 @@ def slopes(m: float, steep: float) -> tuple[Any, Any, Any]:
     return np.array([t * np.cos(angle) * cos, t * np.sin(angle) * cos, cos]), t, area
 
 
-@pytest.mark.parametrize("two", [(0.1, 0.1), (0.3, 0.3), (0.6, 0.6), (0.6, 0.2), (0.1, 0.3)])
+@pytest.mark.parametrize("two", [(0.1, 0.1), (0.6, 0.6), (0.6, 0.2)])
 @names
 def test_weak_white_furnace(name: str, two: tuple[float, float]) -> None:
     """``integral D G1 max(v.h, 0) dh = v.n`` for V-cavities whatever the distribution, and for Smith's masking of the
@@ -166,17 +166,18 @@ def test_weak_white_furnace(name: str, two: tuple[float, float]) -> None:
     number = dr.value_t(vector)
     normal, _, area = slopes(max(two), 1.0)
     h = vector(*normal)
-    u, v = number(two[0]), number(two[1])
+    u, v = dr.opaque(number, two[0]), dr.opaque(number, two[1])
     d = d_uv(name)(h, h, u, v)
+    dr.eval(h, d)
     assert np.sum(to_numpy(d * h.z) * area) == pytest.approx(1, abs=2e-5)
     for mu in (1.0, 0.7, 0.3, 0.1):
-        w = vector(*directions.unit(mu, 0.5).tolist())
+        w = dr.opaque(vector, directions.unit(mu, 0.5).tolist())
         seen = dr.maximum(dr.dot(w, h), 0)
         vcavity = dr.minimum(1, 2 * h.z * w.z / dr.select(seen > 0, seen, 1))
         smith = microfacet.DISTRIBUTIONS[name].g1(w, microfacet.roughness_of_view(w, u, v))
         for which, g1 in (("vcavity", vcavity), ("smith", smith)):
             if (name, which) != ("blinn", "smith"):
-                assert float(np.sum(to_numpy(d * g1 * seen) * area)) / mu == pytest.approx(1, abs=1e-4)
+                assert to_numpy(d * g1 * seen) @ area / mu == pytest.approx(1, abs=1e-4)
 
 
 @names
@@ -217,8 +218,8 @@ def test_ggx_visible(kind: str, cos: float, two: tuple[float, float]) -> None:
     number = dr.value_t(vector)
     n = 1 << 17
     u = vector(*np.random.default_rng(5).random((3, n)))
-    w = vector(*single(directions.unit(cos, 0.6)).tolist())
-    h = to_numpy(microfacet.ggx_visible(u, w, number(two[0]), number(two[1])))
+    w = dr.opaque(vector, single(directions.unit(cos, 0.6)).tolist())
+    h = to_numpy(microfacet.ggx_visible(u, w, dr.opaque(number, two[0]), dr.opaque(number, two[1])))
     assert np.isfinite(h).all()
     np.testing.assert_allclose(np.linalg.norm(h, axis=0), 1, atol=8 * EPS[kind])
     assert (h[2] > 0).all()

@@ -23,10 +23,10 @@ INDICES = single([(1.47, 1.95), (0.14, 4.54), (1.37, 7.62), (1.5, 1e-3), (1.5, 0
 
 
 def cases(kind: str) -> tuple[Any, Any, Any, Any]:
-    """Directions, eta, k, and the cosines that a direction rounded to this precision has."""
-    c, i = (a.ravel() for a in np.meshgrid(COSINES, np.arange(len(INDICES))))
+    """Directions, eta, k, and the cosines of the directions."""
+    c, index = np.tile(COSINES, len(INDICES)), np.repeat(INDICES, len(COSINES), axis=0)
     w = np.array([directions.unit(x, 0.0) for x in c])
-    return VECTORS[kind](*w.T), INDICES[i, 0], INDICES[i, 1], c
+    return VECTORS[kind](*w.T), index[:, 0], index[:, 1], c
 
 
 def reflectance(wi: Any, eta: Any, k: Any) -> Any:
