@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from brdf.checks.directions import incident
+from brdf.checks.directions import FEW_AZIMUTHS, incident
 from brdf.checks.domain import Around, around
 from brdf.checks.result import Finding, at_least, not_asked, worst
 from brdf.checks.sampling import ANGLES, called, density_where_it_counts, numbers
@@ -30,7 +30,7 @@ def ask(subject: BsdfSubject, seed: int = 0) -> Finding:
     found = [
         test(subject, wi, lobe, domain, seed)
         for lobe in numbers(subject)
-        for wi in incident(subject, ANGLES)
+        for wi in incident(subject, ANGLES, FEW_AZIMUTHS)
         for domain in finest(subject, wi, lobe)
     ]
     return worst(found) if found else not_asked("No direction is sampled.")
