@@ -115,7 +115,7 @@ def cube_remainder_of_sine(x: Any) -> Any:
 
 
 def mean_decay(x: Any) -> Any:
-    """``(1 - exp(-x)) / x`` for `x` in [0, 1/2], where it and its derivative cancel: the mean of exp(-t), t from 0 to x.
+    """``(1 - exp(-x)) / x``, the mean of exp(-t) for t from 0 to x, for `x` in [0, 1/2], where the difference cancels.
 
     A series, nested: ``1 - x/2 (1 - x/3 (1 - x/4 (...)))``.
     """

@@ -11,38 +11,39 @@ from ..model import Ideal, Lobe, Model, Values
 from ..param import colour, number
 from ..stable import decay, mean_decay
 
-#: Up to this optical depth scattering is taken from a series in the depth: beyond, differences of exponentials are good.
+#: Up to this optical depth scattering comes from a series in the depth; beyond, differences of exponentials are good.
 THIN = 0.5
 
 
 class HanrahanKrueger(Model):
     """A sheet of scattering material with smooth sides, in air: single scattering by Henyey and Greenstein's phase.
 
-    ``f = T_i T_o / eta^2 f_inner``, with T the Fresnel transmittance of a side, and `f_inner` of the refracted directions,
-    whose cosines are ``m_i`` and ``m_o``; with ``sigma_t = sigma_s + sigma_a``, ``tau = sigma_t thickness`` and the phase
-    `p`, whose integral over the sphere is 1::
+    ``f = T_i T_o / eta^2 f_inner``: T is the Fresnel transmittance of a side, and `f_inner` is of the refracted
+    directions, whose cosines are ``m_i`` and ``m_o``. With ``sigma_t = sigma_s + sigma_a``, ``tau = sigma_t thickness``
+    and the phase `p`, whose integral over the sphere is 1::
 
         reflected    sigma_s/sigma_t p (1 - exp(-tau (1/m_i + 1/m_o))) / (m_i + m_o)
         transmitted  sigma_s/sigma_t p (exp(-tau/m_i) - exp(-tau/m_o)) / (m_i - m_o)
         unscattered  T_i^2 exp(-tau/m_i), straight on
 
-    The fourth part, what the outer side mirrors, is not in it, nor is light that goes to and fro between the sides: a
-    sheet that neither scatters nor absorbs passes ``T_i^2``. Neither is what is scattered more than once: a bright, thick
-    layer is darker than in nature (a deep one that absorbs nothing reflects .15 at the normal and, without sides, .5 at
-    grazing). The layer is seen from both sides, which are alike. It is infinitely thick, in float32, from ``tau = 88`` on:
-    a `thickness` of 1e6 mm, the most that is allowed, is that for any but the clearest air.
+    Not in it are: what the outer side mirrors; light that goes to and fro between the sides, so that clear material
+    passes ``T_i^2``; and what is scattered more than once, so that a bright, thick layer is darker than in nature
+    (isotropic, without sides and absorption, a deep one reflects .15 of the light at the normal, .5 at grazing). All
+    lobes together thus send out no more than arrives. Both sides of the layer are alike, and it is seen from both. From
+    ``tau = 88`` on it is infinitely thick in float32; the largest `thickness` makes any but the clearest material so.
 
-    The scattered lobes are called diffuse: light leaves in all directions, and a reflection has no highlight for any `g`.
-    A transmitted lobe becomes as narrow as 1 - g, but then most of the light is not in it. Both are reciprocal, bit for
-    bit.
+    The scattered lobes are called diffuse, since reflection has no highlight, whatever `g`. The peak of width 1 - g
+    about the straight direction (for g < 0 about `wi`) is sampled as one, the rest by the cosine. Both lobes are
+    reciprocal bit for bit: built from sums, products, the larger and the smaller of two.
 
-    A picture depends on ``sigma_s thickness`` and ``sigma_a thickness`` alone: fix the thickness, or one of the two. Of an
-    infinite layer it depends on ``sigma_s / sigma_a`` alone; of a thin one the scattered light on ``sigma_s thickness``,
-    and `sigma_a` shows only in what goes straight on. In reflection alone `g` acts much like `sigma_s`.
+    A picture depends on ``sigma_s thickness`` and ``sigma_a thickness`` alone: fix the thickness and fit the other two.
+    Of an infinite layer it depends on ``sigma_s / sigma_a``; of a thin one on ``sigma_s thickness``, and sigma_a hardly
+    shows. In reflection alone `g` and `eta` are nearly confounded with sigma_s: their derivatives correlate by .96 and
+    more. Transmitted light tells them apart.
 
     References
     ----------
-    hanrahan1993, sec. 4 and 5; henyey1941 (the phase).
+    hanrahan1993; henyey1941 (the phase).
     """
 
     name = "hanrahankrueger"
@@ -72,9 +73,9 @@ class HanrahanKrueger(Model):
     lobes = (Lobe.DIFFUSE, Lobe.DIFFUSE_TRANSMISSION, Lobe.STRAIGHT)
     trials = (
         {},
-        {"sigma_a": 0.0, "thickness": 1e6, "eta": 1.0},
+        {"sigma_a": 0.0, "thickness": 1e6, "eta": 1.1},
         {"sigma_s": 20.0, "sigma_a": 0.0, "g": 0.8, "thickness": 0.1, "eta": 1.3},
-        {"thickness": 1e-3, "g": -0.8, "eta": 1.0},
+        {"thickness": 0.01, "g": -0.8, "eta": 1.1},
     )
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any, Any]:
@@ -152,7 +153,7 @@ def reflected(p: Values, mi: Any, mo: Any) -> Any:
 
 
 def transmitted(p: Values, mi: Any, mo: Any) -> Any:
-    """``sigma_s/sigma_t (exp(-tau/mi) - exp(-tau/mo)) / (mi - mo)`` [1], also for ``mi = mo`` and for ``sigma_t = 0``."""
+    """``sigma_s/sigma_t (exp(-tau/mi) - exp(-tau/mo)) / (mi - mo)`` [1], also for ``mi = mo`` and ``sigma_t = 0``."""
     sigma_t = p.sigma_s + p.sigma_a
     steep, flat = dr.maximum(mi, mo), dr.minimum(mi, mo)
     apart = steep - flat
@@ -167,11 +168,10 @@ def transmitted(p: Values, mi: Any, mo: Any) -> Any:
 
 
 def henyey_greenstein(i: Any, o: Any, g: Any) -> Any:
-    """The density [1/sr] of scattering between two unit vectors that point away from where it happens, so ``-i.o`` is the
-    cosine of the deflection.
+    """The density [1/sr] of scattering between two unit vectors that point away from where it happens.
 
-    ``(1 - g^2) / (4 pi d^(3/2))`` with ``d = 1 + g^2 + 2 g i.o``, as ``(1 - g)^2 + g |i + o|^2`` or ``(1 + g)^2 - g |i -
-    o|^2``, whichever has no difference.
+    ``(1 - g^2) / (4 pi d^(3/2))`` with ``d = 1 + g^2 + 2 g i.o``, since ``-i.o`` is the cosine of the deflection; as
+    ``(1 - g)^2 + g |i + o|^2`` or ``(1 + g)^2 - g |i - o|^2``, whichever has no difference.
 
     References
     ----------
@@ -186,8 +186,8 @@ def henyey_greenstein(i: Any, o: Any, g: Any) -> Any:
 def henyey_greenstein_sample(u: Any, g: Any, like: Any) -> Any:
     """A unit vector about (0, 0, 1) with the density of `henyey_greenstein`, from `u` in [0, 1)^2; `g` >= 0.
 
-    The square root of its `d` is ``(1 - g)(1 + g) / (1 + g - 2 g u)``, hence ``n = (d - (1 - g)^2) / g``, which is ``2 (1 -
-    cos)`` of the deflection, without a difference.
+    The square root of its `d` is ``(1 - g)(1 + g) / (1 + g - 2 g u)``; hence, without a difference, ``(d - (1 - g)^2)
+    / g``, which is ``n = 2 (1 - cos)`` of the deflection.
     """
     rest = 1 + g - 2 * g * u.x
     root = (1 - g) * (1 + g) / rest

@@ -3,7 +3,6 @@ code with brdf."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import mpmath
@@ -13,7 +12,7 @@ from tests.oracles import textbook
 
 mp.dps = 60
 
-Vector = Sequence[Any]
+Vector = Any
 
 
 def inner(w: Vector, eta: Any) -> list[Any]:
