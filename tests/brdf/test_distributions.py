@@ -186,7 +186,9 @@ def test_weak_white_furnace(name: str, two: tuple[float, float]) -> None:
 def test_tangents(kind: str, m: float, name: str) -> None:
     """The closed-form inverse of the cumulative distribution, from the first normals to the last."""
     number = dr.value_t(VECTORS[kind])
-    u = single(np.concatenate([(np.arange(512) + 0.5) / 512, 2.0 ** -np.arange(12.0, 25), 1 - 2.0 ** -np.arange(10, 24)]))
+    u = single(
+        np.concatenate([(np.arange(512) + 0.5) / 512, 2.0 ** -np.arange(12.0, 25), 1 - 2.0 ** -np.arange(10, 24)])
+    )
     got = to_numpy(microfacet.DISTRIBUTIONS[name].tangent(number(u), number(m)))
     r = float(np.float32(m)) if kind == "float32" else m
     want = {
