@@ -13,14 +13,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
-
 from brdf import Model, UsageError
 from brdf.checks import ModelSubject, Result, Subject
 from plugins import checks, named, registered
 from plugins.adapter import choose
-from plugins.checks.subject import BsdfSubject, from_dict
-from plugins.scene import Scene, find
+from plugins.checks.gather import from_dict
+from plugins.checks.subject import BsdfSubject
+from plugins.scene import Scene, find, load
 
 from .files import replacing
 from .portrait import Portrait, portrait
@@ -32,30 +31,44 @@ Progress = Callable[[int, str, str, float], None]
 
 @dataclass(frozen=True)
 class Asked:
-    """One BSDF to be checked.
+    """One BSDF to be checked: a type at some values, or one of a scene file.
 
     Attributes
     ----------
     name : str
         What it is called in the results.
-    bsdf : dict or mi.BSDF
-        As `plugins.checks.check` takes it.
+    described : dict
+        As for ``mi.load_dict``; empty for one of a scene.
     command : str
         A line for the shell that checks it again.
-    model : str
-        The rows of one model belong together; empty for a BSDF of a scene.
+    scene : Path or None
+        The file in which it is, under its name.
+    defaults : dict
+        Values for ``$name`` in the file.
     """
 
     name: str
-    bsdf: Any
+    described: Mapping[str, Any]
     command: str
-    model: str = ""
+    scene: Path | None = None
+    defaults: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def owner(self) -> str:
+        """The type; of a BSDF of a scene its name. Variations of one model have one owner."""
+        return str(self.described["type"]) if self.described else self.name
+
+    def check(self, **options: Any) -> dict[str, Result]:
+        """Its results: see `plugins.checks.check`."""
+        if self.scene is None:
+            return checks.check(self.described, **options)
+        return checks.check_scene(self.scene, self.name, **options, **self.defaults)
 
     def subject(self) -> Subject:
         """The BSDF at the values asked for, the defaults for the rest."""
-        if not isinstance(self.bsdf, Mapping):
-            return BsdfSubject(self.bsdf, self.name)
-        return model_subject(self.bsdf) or from_dict(self.bsdf)
+        if self.scene is not None:
+            return BsdfSubject(find(load(self.scene, **self.defaults), self.name).bsdf, self.name)
+        return model_subject(self.described) or from_dict(self.described)
 
 
 @dataclass
@@ -92,9 +105,13 @@ class Checked:
         """What failed as declared."""
         return [(name, result) for name, result in self.each() if result.expected and not result.passed]
 
+    def count(self) -> Counter[str]:
+        """How many results there are of each `kind`."""
+        return Counter(kind(result) for _, result in self.each())
+
     def sentence(self) -> str:
-        """How many there were of each kind."""
-        count = Counter(kind(result) for _, result in self.each())
+        """The same in words."""
+        count = self.count()
         found = [f"{count['passed']} passed", f"{count['declared']} failed as declared"]
         found.append(f"{count['failed'] + count['undue']} unexpected")
         if count["not asked"]:
@@ -107,7 +124,7 @@ class Checked:
 
 
 def kind(result: Result) -> str:
-    """The kinds of outcome: ``passed``, ``not asked``, ``declared``, ``failed``, ``undue`` (passed, though declared)."""
+    """The kinds of outcome: ``passed``, ``not asked``, ``declared``, ``failed``, ``undue`` (declared, but passed)."""
     if result.passed:
         return "undue" if not result.expected else "not asked" if result.figure is None else "passed"
     return "declared" if result.expected else "failed"
@@ -132,8 +149,9 @@ def by_name(name: str, given: Mapping[str, Any] | None = None) -> list[Asked]:
     described = named.described(name, given)
     model = registered().get(name)
     if given or model is None:
-        return [Asked(called(name, given), described, command(name, given), name)]
-    return [Asked(called(name, v), {"type": name, **v}, command(name, v), name) for v in variations(model)]
+        implied = implied_choices(model, given) if model else {}
+        return [Asked(called(name, given), {**described, **implied}, command(name, given))]
+    return [Asked(called(name, v), {"type": name, **v}, command(name, v)) for v in variations(model)]
 
 
 def all_models() -> list[Asked]:
@@ -147,6 +165,13 @@ def variations(model: type[Model]) -> list[dict[str, str]]:
     return [{}, *({p.name: option} for p in choices for option in p.options if option != p.default)]
 
 
+def implied_choices(model: type[Model], given: Mapping[str, Any]) -> dict[str, str]:
+    """The choices left open that follow from which parameters are given, as in XML."""
+    choices = {p.name: p for p in model.params if p.kind == "choice"}
+    made = choose(model, {k: v for k, v in given.items() if k in choices}, [k for k in given if k not in choices])
+    return {k: getattr(made, k) for k, p in choices.items() if k not in given and getattr(made, k) != p.default}
+
+
 def in_scene(scene: Scene, identifier: str | None = None, defaults: Mapping[str, object] | None = None) -> list[Asked]:
     """The BSDFs of a scene, or the one of that id.
 
@@ -158,9 +183,10 @@ def in_scene(scene: Scene, identifier: str | None = None, defaults: Mapping[str,
     chosen = scene.bsdfs if identifier is None else {identifier: find(scene, identifier)}
     if not chosen:
         raise UsageError(f"{scene.path}: there is no BSDF in the scene.")
-    more = [word for name, value in (defaults or {}).items() for word in ("-D", f"{name}={value}")]
+    given = dict(defaults or {})
+    more = [word for name, value in given.items() for word in ("-D", f"{name}={value}")]
     line = ["brdf", "check", str(scene.path), *more, "--bsdf"]
-    return [Asked(name, b.bsdf, shlex.join([*line, name])) for name, b in chosen.items()]
+    return [Asked(name, {}, shlex.join([*line, name]), scene.path, given) for name in chosen]
 
 
 def run(
@@ -169,6 +195,7 @@ def run(
     seed: int = 0,
     portraits: bool = False,
     progress: Progress | None = None,
+    modules: Sequence[str] = (),
 ) -> Checked:
     """Check one after the other. An interruption ends it early and loses what is done at no time.
 
@@ -180,6 +207,8 @@ def run(
         Of the random directions.
     portraits : bool
         Whether what the plots show is to be found out as well.
+    modules : names of modules
+        What registers BSDFs, for the processes that render.
     """
     checked, began = Checked(asked), time.monotonic()
     try:
@@ -189,7 +218,7 @@ def run(
                 if progress:
                     progress(done, one.name, check, step / max(steps, 1))
 
-            found = checks.check(one.bsdf, only=only, progress=tell, seed=seed)
+            found = one.check(only=only, progress=tell, seed=seed, setup=tuple(modules))
             if portraits:
                 checked.portraits[one.name] = portrait(one.subject(), seed)
             checked.results[one.name] = {name: repeatable(result, one, seed) for name, result in found.items()}
@@ -202,8 +231,8 @@ def run(
 
 def repeatable(result: Result, asked: Asked, seed: int) -> Result:
     """With a command that repeats this check, at the values where it was found."""
-    words = [str(result.case.get("command") or asked.command), f"--only {result.check}"]
-    words += [f"--seed {seed}"] if seed else []
+    found = str(result.case.get("command", "")) if asked.scene is None else ""
+    words = [found or asked.command, f"--only {result.check}", *([f"--seed {seed}"] if seed else [])]
     return replace(result, case={**result.case, "command": " ".join(words)})
 
 
@@ -215,11 +244,7 @@ def model_subject(described: Mapping[str, Any]) -> Subject | None:
     if model is None or not {p.name for p in model.params}.issuperset(values):
         return None
     choices = {p.name: values.pop(p.name) for p in model.params if p.kind == "choice" and p.name in values}
-    colours = {p.name for p in model.params if p.kind == "colour"}
-    full = {
-        key: (value,) * 3 if key in colours and isinstance(value, float) else value for key, value in values.items()
-    }
-    return ModelSubject(choose(model, choices, list(values)), **full)
+    return ModelSubject(choose(model, choices, list(values)), **values)
 
 
 def called(name: str, given: Mapping[str, Any]) -> str:

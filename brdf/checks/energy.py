@@ -89,15 +89,15 @@ def agreement(subject: Subject, lobe: int, seed: int) -> list[Finding]:
     vector = subject.vector
     part = subject.lobes[lobe]
     for wi in incident(subject, COMPARED):
-        domain = around(subject, wi, lobe, seed)
-        if domain is None:
+        domains = around(subject, wi, lobe, seed)
+        if not domains:
             continue
         given = opaque(vector, wi)
 
         def power(wo: Any, given: Any = given) -> Any:
             return subject.adjoint(given, wo, lobe) * abs(wo.z)
 
-        want, change = integral(power, domain, vector)
+        want, change = integral(power, domains, vector)
         got, error, _ = brightest(subject, [wi], lobe, seed)
         expected = float(want.max())
         if not change <= UNRESOLVED * abs(expected):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
 from .directions import incident, pairs, row, stratified
@@ -55,16 +56,23 @@ def called(subject: Subject, lobe: int | None) -> str:
     return "all" if lobe is None else subject.lobes[lobe].name
 
 
+def density_where_it_counts(subject: Subject, wi: Any, wo: Any, lobe: int | None) -> Any:
+    """The density, and 0 below a surface that does not transmit: samples there have no weight, and some give them a
+    density all the same."""
+    density = subject.pdf(wi, wo, lobe)
+    return density if subject.transmits else dr.select((wi.z > 0) & (wo.z > 0), density, 0)
+
+
 def normalisation(subject: Subject, wi: np.ndarray, lobe: int | None, seed: int) -> Finding:
     """Whether the density integrates to 1, or less where directions get lost below the horizon."""
     if lobe is None:
         return not_asked("A sum of densities, each of which is looked at.")
-    domain = around(subject, wi, lobe, seed)
-    if domain is None:
+    domains = around(subject, wi, lobe, seed)
+    if not domains:
         return not_asked("No direction is sampled.")
     vector = subject.vector
     given = opaque(vector, wi)
-    total, change = integral(lambda wo: subject.pdf(given, wo, lobe), domain, vector)
+    total, change = integral(lambda wo: density_where_it_counts(subject, given, wo, lobe), domains, vector)
     figure = float(total[0])
     if not change <= UNRESOLVED * abs(figure):
         return not_asked("The lobe is not resolved.")

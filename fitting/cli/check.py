@@ -82,7 +82,12 @@ def command(
             bar.update(task, completed=done + part, description=f"{name}: {check}".replace("[", r"\["))
 
         checked = checking.run(
-            asked, only or None, seed, portraits=plot or folder is not None, progress=None if bar.disable else tell
+            asked,
+            only or None,
+            seed,
+            portraits=plot or folder is not None,
+            progress=None if bar.disable else tell,
+            modules=modules,
         )
     written = write(checked, folder, plot, seed)
     if as_json:

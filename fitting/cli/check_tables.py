@@ -38,22 +38,22 @@ ELSEWHERE = ("command", "figure", "found", "parameters")
 
 def show(checked: Checked) -> None:
     """Print everything."""
-    console = Console(width=None if sys.stdout.isatty() else WIDE, highlight=False, soft_wrap=not sys.stdout.isatty())
-    compact = len(checked.results) > SEVERAL or len({asked.model for asked in checked.asked}) > 1
+    console = Console(width=None if sys.stdout.isatty() else WIDE, highlight=False)
+    compact = len(checked.results) > SEVERAL or len({asked.owner for asked in checked.asked}) > 1
     if compact:
         console.print(overview(checked.results, console))
-        console.print(LEGEND)
+        say(console, LEGEND)
     else:
         for name, results in checked.results.items():
-            console.print(Text(name, "bold"))
+            say(console, Text(name, "bold"))
             console.print(single(results))
             console.print()
     unexpected = checked.unexpected()
     failures(console, "Failed as declared", checked.declared(), checked, brief=compact)
     failures(console, "Unexpected", unexpected, checked, brief=False)
     if not checked.complete:
-        console.print(f"Interrupted: {len(checked.results)} of {len(checked.asked)} were finished.")
-    console.print(checked.sentence())
+        say(console, f"Interrupted: {len(checked.results)} of {len(checked.asked)} were finished.")
+    say(console, checked.sentence())
 
 
 def single(results: Mapping[str, Result]) -> Table:
@@ -96,8 +96,8 @@ def failures(console: Console, title: str, found: Sequence[tuple[str, Result]], 
     """Each failure with its reason and the line that repeats it; those of one model for one reason together."""
     if not found:
         return
-    console.print(Text(f"{title}:", "bold"))
-    model = {asked.name: asked.model or asked.name for asked in checked.asked}
+    say(console, Text(f"{title}:", "bold"))
+    model = {asked.name: asked.owner for asked in checked.asked}
 
     def alike(item: tuple[str, Result]) -> tuple[Any, ...]:
         name, result = item
@@ -107,19 +107,24 @@ def failures(console: Console, title: str, found: Sequence[tuple[str, Result]], 
         items = list(group)
         name, first = items[0]
         owner = name if len(items) == 1 else f"{model[name]}, {len(items)} variations"
-        console.print(Text.assemble((f"{first.check} of {owner}", "bold"), f": {first.reason}"))
+        say(console, Text.assemble((f"{first.check} of {owner}", "bold"), f": {first.reason}"))
         for name, result in items:
             words = [name] if len(items) > 1 else []
             words += [comparison(result)] if result.figure is not None else []
             words += [str(result.case["found"])] if "found" in result.case and not brief else []
             if words:
-                console.print(Text(f"  {': '.join(words)}"))
+                say(console, Text(f"  {': '.join(words)}"))
             if not brief:
                 for line in case_lines(result.case, not result.expected):
-                    console.print(Text(f"    {line}"))
+                    say(console, Text(f"    {line}"))
             if "command" in result.case:
-                console.print(Text(f"    {result.case['command']}", "cyan"))
+                say(console, Text(f"    {result.case['command']}", "cyan"))
     console.print()
+
+
+def say(console: Console, text: Text | str) -> None:
+    """A line that the terminal wraps, if anyone: it can be copied whole."""
+    console.print(text, soft_wrap=True)
 
 
 def case_lines(case: Mapping[str, Any], everything: bool) -> list[str]:

@@ -27,6 +27,8 @@ SHOWN = {
     "failed": ("✗", "failed"),
     "undue": ("!", "no fault"),
 }
+#: The banner names so many unexpected outcomes.
+MOST = 5
 #: What a case says elsewhere on the page.
 ELSEWHERE = ("command", "figure", "found", "parameters")
 
@@ -98,8 +100,7 @@ def html(checked: Checked, about: Mapping[str, Any]) -> str:
         for number, (name, results) in enumerate(checked.results.items())
     ]
     names = [check for check in CHECKS if any(check in entry.lines for entry in entries)]
-    every = [one for entry in entries for one in entry.lines.values()]
-    count = {which: sum(one.kind == which for one in every) for which in SHOWN}
+    count = checked.count()
     return ENVIRONMENT.get_template("checks.html").render(
         title=title(checked),
         checked=checked,
@@ -119,14 +120,19 @@ def html(checked: Checked, about: Mapping[str, Any]) -> str:
 
 def title(checked: Checked) -> str:
     """What was checked, in a few words."""
-    models = list(dict.fromkeys(asked.model or asked.name for asked in checked.asked))
-    return ", ".join(models) if len(models) <= 3 else f"{len(models)} BSDFs"
+    models = list(dict.fromkeys(asked.owner for asked in checked.asked))
+    what = "model" if all(asked.described for asked in checked.asked) else "BSDF"
+    return ", ".join(models) if len(models) <= 3 else counted(len(models), what)
 
 
 def verdict(checked: Checked) -> str:
     """One sentence for the banner."""
-    unexpected = len(checked.unexpected())
-    said = "Everything that was checked is as declared." if not unexpected else f"{unexpected} unexpected."
+    unexpected = checked.unexpected()
+    said = "Everything is as declared."
+    if unexpected:
+        names = [f"{result.check.replace('_', ' ')} of {name}" for name, result in unexpected]
+        more = f", and {len(names) - MOST} more" if len(names) > MOST else ""
+        said = f"Not as declared: {', '.join(names[:MOST])}{more}."
     if not checked.complete:
         said = f"Interrupted: {len(checked.results)} of {counted(len(checked.asked), 'BSDF')} were finished. {said}"
     return said
@@ -150,11 +156,18 @@ def line(result: Result) -> Line:
         limit=minus(limit(result)),
         comparison=minus(comparison(result)) if result.figure is not None else "",
         what=str(case.get("figure") or result.reason),
-        reason=result.reason,
+        reason=sentence(result.reason),
         found=str(case.get("found") or ""),
         case=tuple(rows),
         command=str(case.get("command") or ""),
     )
+
+
+def sentence(text: str) -> str:
+    """With a capital and a full stop, if it begins with a word."""
+    first = text.partition(" ")[0]
+    text = text[:1].upper() + text[1:] if len(first) > 1 and first.isalpha() else text
+    return text if not text or text.endswith((".", "!", "?")) else f"{text}."
 
 
 def plain(value: Any) -> str:

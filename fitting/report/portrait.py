@@ -41,7 +41,7 @@ def charts(portrait: Portrait, name: str) -> list[Plot]:
             draw(f"albedo {name}", partial(draw_albedo, portrait), CURVE, HEIGHT),
             f"Albedo of {name} against the angle of incidence. {brightest(portrait)}",
             albedo_keys(portrait),
-            "Fraction of the light that is sent out again, of the channel that sends most. More than 1 is not physical.",
+            "Fraction of the light that leaves again, of the channel that reflects most. More than 1 is not physical.",
         ),
     ]
     if portrait.difference is not None:
