@@ -287,6 +287,15 @@ def test_decay(kind: str) -> None:
     np.testing.assert_array_equal(by, -got)
 
 
+@vectors
+def test_cube_remainder_of_sine(kind: str) -> None:
+    """On both sides of where the series ends, and 1/6 at 0."""
+    x = single([0.0, 1e-15, 1e-6, 1e-2, 0.5, 0.999, 1.0, 1.001, 2.0, np.pi, 6.0, -0.3, -3.0])
+    want = [float((mpf(v) - mpmath.sin(mpf(v))) / mpf(v) ** 3) if v else 1 / 6 for v in x]
+    got = call(lambda v: stable.cube_remainder_of_sine(v), VECTORS[kind], x)
+    np.testing.assert_allclose(got, want, rtol=8 * EPS[precision(kind)])
+
+
 @pytest.mark.parametrize("kind", ["float32", "float64"])
 @pytest.mark.parametrize("m", [1e-3, 0.1, 1.0])
 def test_beckmann_sample(kind: str, m: float) -> None:
