@@ -478,6 +478,20 @@ def test_the_portrait_of_a_mirror_and_of_glass() -> None:
         assert (up.weight, down.weight) == pytest.approx((fresnel, 1 - fresnel), rel=1e-4)
 
 
+def test_a_ray_is_what_it_weighs_times_how_often_it_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where lobes cannot be asked one by one, an ideal one is chosen now and then and weighs the more."""
+    (mirror,) = checking.by_name("conductor")
+    subject = mirror.subject()
+    true = subject.sample
+
+    def now_and_then(*arguments: Any) -> Any:
+        drawn = true(*arguments)
+        return drawn._replace(weight=drawn.weight * 4, pdf=drawn.pdf / 4)
+
+    monkeypatch.setattr(subject, "sample", now_and_then)
+    np.testing.assert_allclose([ray.weight for ray in portrait(subject).rays], 1, rtol=1e-5)
+
+
 def test_the_portrait_of_what_is_not_reciprocal() -> None:
     """With f = 1 + z_o / 2 the difference is that of the two, over the larger."""
     (asked,) = checking.by_name("toy", {"kind": "hidden"})
