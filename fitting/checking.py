@@ -51,7 +51,7 @@ class Asked:
     described: Mapping[str, Any]
     command: str
     scene: Path | None = None
-    defaults: Mapping[str, object] = field(default_factory=dict)
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def owner(self) -> str:
@@ -172,7 +172,7 @@ def implied_choices(model: type[Model], given: Mapping[str, Any]) -> dict[str, s
     return {k: getattr(made, k) for k, p in choices.items() if k not in given and getattr(made, k) != p.default}
 
 
-def in_scene(scene: Scene, identifier: str | None = None, defaults: Mapping[str, object] | None = None) -> list[Asked]:
+def in_scene(scene: Scene, identifier: str | None = None, defaults: Mapping[str, Any] | None = None) -> list[Asked]:
     """The BSDFs of a scene, or the one of that id.
 
     Raises

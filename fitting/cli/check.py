@@ -89,7 +89,8 @@ def command(
             progress=None if bar.disable else tell,
             modules=modules,
         )
-    written = write(checked, folder, plot, seed)
+    line = again(what, given, bsdf, only, seed, define, modules)
+    written = write(checked, folder, plot, {"command": line, "seed": seed, "versions": versions()})
     if as_json:
         if checked.complete:
             print_json(checked.to_json())
@@ -176,7 +177,24 @@ def load_module(name: str) -> None:
         raise DataError(f"--import {name}: {error}.") from error
 
 
-def write(checked: Checked, folder: Path | None, plot: bool, seed: int) -> list[Path]:
+def again(
+    what: str | None,
+    settings: list[str],
+    bsdf: str | None,
+    only: list[str],
+    seed: int,
+    define: list[str],
+    modules: list[str],
+) -> str:
+    """The command that makes the results again."""
+    words = ["brdf", "check", what or "--all"]
+    for option, values in (("--set", settings), ("--only", only), ("-D", define), ("--import", modules)):
+        words += [word for given in values for word in (option, given)]
+    words += [] if bsdf is None else ["--bsdf", bsdf]
+    return shlex.join([*words, "--seed", str(seed), "--out", "DIR"])
+
+
+def write(checked: Checked, folder: Path | None, plot: bool, about: Mapping[str, Any]) -> list[Path]:
     """The files that were asked for; returns those to look at."""
     from ..checking import file_names, write_json
 
@@ -184,7 +202,6 @@ def write(checked: Checked, folder: Path | None, plot: bool, seed: int) -> list[
     if folder is not None:
         from ..report import checks as report
 
-        about = {"command": shlex.join(["brdf", *sys.argv[1:]]), "seed": seed, "versions": versions()}
         report.write(checked, folder / "report.html", about)
         write_json(checked, folder / "checks.json", about)
         look.append(folder / "report.html")

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.measure import Measurement
+from rich.table import Column, Table
 from rich.text import Text
 
 from brdf.checks import CHECKS, Result
@@ -77,11 +78,11 @@ def overview(found: Mapping[str, Mapping[str, Result]], console: Console) -> Tab
     names = [check for check in CHECKS if any(check in results for results in found.values())]
     for words in (True, False):
         headings = [n.replace("_", "\n", 1) if words else SHORT.get(n, n.rpartition("_")[2]) for n in names]
-        table = Table("", *headings, box=None, padding=(0, 1 + words, 0, 0))
+        table = Table(Column(overflow="fold"), *headings, box=None, padding=(0, 1 + words, 0, 0))
         for name, results in found.items():
             cells = [cell(results[check], words) if check in results else Text() for check in names]
             table.add_row(Text(name), *cells)
-        if console.measure(table).maximum <= console.width:
+        if Measurement.get(console, console.options.update(max_width=WIDE), table).maximum <= console.width:
             break
     return table
 

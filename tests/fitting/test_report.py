@@ -433,7 +433,7 @@ def test_text_and_lines_stand_out_in_light_and_dark():
     assert len(blocks) == 2
     for block in blocks:
         colours = dict(re.findall(r"--([\w-]+): (#\w{6})", block))
-        assert len(colours) == 19
+        assert len(colours) == 21
         for ink, paper in (
             ("ink", "paper"),
             ("ink", "panel"),
@@ -442,7 +442,7 @@ def test_text_and_lines_stand_out_in_light_and_dark():
             ("ink", "warn-paper"),
         ):
             assert contrast(colours[ink], colours[paper]) >= 4.5, (ink, paper)
-        for name in ("good", "warn"):
+        for name in ("good", "warn", "bad"):
             assert contrast(colours[name], colours[f"{name}-paper"]) >= 4.5, name
         for name in [f"series-{i}" for i in range(8)] + ["faint", "accent"]:
             assert contrast(colours[name], colours["paper"]) >= 3, name
