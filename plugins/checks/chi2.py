@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -67,7 +69,8 @@ def finest(subject: BsdfSubject, wi: np.ndarray, lobe: int | None) -> list[Aroun
     found = [d for i, part in enumerate(subject.lobes) if part.smooth for d in around(subject, wi, i)]
     sides: dict[int, Around] = {}
     for domain in sorted(found, key=lambda d: -float((d.scale[0] * d.scale[1])[0])):
-        sides[domain.side] = domain
+        side = int(math.copysign(1, float(domain.axes[2].z[0]))) if subject.transmits else 0
+        sides[side] = replace(domain, side=side)
     return list(sides.values())
 
 
