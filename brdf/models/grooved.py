@@ -21,6 +21,8 @@ EFOLDS = (16.0, 32.0)
 RULES = tuple(
     [(float(x), float(w)) for x, w in zip(*np.polynomial.legendre.leggauss(n), strict=True) if x > 0] for n in (18, 32)
 )
+#: The floor stays below the tops: at 1 nothing is left of the cylinders, and the derivative in `height` is infinite.
+HIGHEST = 0.999
 #: (float32, float64) The largest number below 1: ``log(1 - x)`` stays finite.
 BELOW_ONE = (1 - 2.0**-24, 1 - 2.0**-53)
 
@@ -72,7 +74,7 @@ class Grooved(Model):
         number(
             "height",
             0.3,
-            (0.0, 0.999),
+            (0.0, HIGHEST),
             "height of the floor above the axes, in radii: 0 half cylinders, 1 no groove",
             scale="logit",
             hint="The floor lies between the axes, height = 0, and the tops of the cylinders.",
