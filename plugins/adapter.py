@@ -239,7 +239,7 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
         An unknown property or choice, a value of the wrong kind or outside its bounds: one line.
     """
     name, choices = model_class.name, {}
-    indices.resolve(model_class, props)
+    replaced = indices.resolve(model_class, props)
     declared = {p.name: p for p in model_class.params}
     for key in props.keys():  # noqa: SIM118  (mi.Properties does not iterate)
         if key not in declared:
@@ -254,6 +254,10 @@ def read(model_class: type[Model], props: mi.Properties) -> tuple[Model, dict[st
                 raise UsageError(f"{name}: {key} takes a <string>: one of {', '.join(declared[key].options)}.")
     model = choose(model_class, choices, [key for key in props.keys() if key not in choices])  # noqa: SIM118
     parameters = {p.name: p for p in model.parameters()}
+    if "eta" in parameters and parameters["eta"].kind == "colour" and set(replaced) & set(indices.MEDIA):
+        raise UsageError(
+            f"{name}: {' and '.join(replaced)} make it a dielectric. A conductor takes eta and k, or material."
+        )
     for key in props.keys():  # noqa: SIM118
         if key not in parameters and key not in choices:
             made = ", ".join(f"{p.name} = {getattr(model, p.name)}" for p in model.params if p.kind == "choice")

@@ -25,8 +25,13 @@ def accepted(model: type[Model]) -> tuple[str, ...]:
     return media + ((MATERIAL,) if {"eta", "k"} <= names else ())
 
 
-def resolve(model: type[Model], props: mi.Properties) -> None:
+def resolve(model: type[Model], props: mi.Properties) -> list[str]:
     """Replace ``int_ior``, ``ext_ior`` and ``material`` in the properties of a plugin by `eta` and `k`.
+
+    Returns
+    -------
+    list of str
+        What was replaced.
 
     Raises
     ------
@@ -36,7 +41,7 @@ def resolve(model: type[Model], props: mi.Properties) -> None:
     may = accepted(model)
     given = [name for name in may if name in props]
     if not given:
-        return
+        return []
     twice = [name for name in ("eta", "k") if name in props]
     if twice or (MATERIAL in given and len(given) > 1):
         raise UsageError(
@@ -50,6 +55,7 @@ def resolve(model: type[Model], props: mi.Properties) -> None:
         props["eta"] = inside / outside
     for name in given:
         del props[name]
+    return given
 
 
 def index(owner: str, name: str, given: Any) -> float:

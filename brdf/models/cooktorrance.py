@@ -26,7 +26,7 @@ CONDUCTOR_ETA = colour(
     "eta",
     ALUMINIUM_ETA,
     "index of refraction, inside over outside",
-    bounds=(1e-3, 20.0),
+    bounds=(0.0, 20.0),
     scale="log",
     hint="eta is the real part of a metal's index; the imaginary part is k.",
 )

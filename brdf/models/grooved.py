@@ -85,7 +85,11 @@ class Grooved(Model):
         {},
         {"spacing": 2.0, "height": 0.0, "exponent": 1.0, "reflectance": 0.0, "specular_reflectance": 1.0},
         {"spacing": 4.0, "height": 0.9, "exponent": 200.0},
+        {"spacing": 4.0, "height": 0.5, "reflectance": 1.0, "specular_reflectance": 1.0},
     )
+
+    def faults(self) -> dict[str, str]:
+        return {"coupling": "the diffuse and the glossy part of the cylinders are added: above 1 if both are white"}
 
     @property
     def anisotropic(self) -> bool:

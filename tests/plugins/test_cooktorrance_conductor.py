@@ -99,7 +99,11 @@ def test_xml() -> None:
     [
         ({"m": 0.1, "m_u": 0.1}, "cooktorrance: 'm_u' is not a parameter with fresnel = exact"),
         ({"distribution": "blinn", "m": 1.2}, "cooktorrance: m = 1.2 is outside [1e-4, 1]."),
-        ({"fresnel": "conductor", "eta": 30.0}, "cooktorrance: eta = 30 is outside [0.001, 20]."),
+        ({"fresnel": "conductor", "eta": 30.0}, "cooktorrance: eta = 30 is outside [0, 20]."),
+        (
+            {"fresnel": "conductor", "int_ior": "bk7"},
+            "cooktorrance: int_ior make it a dielectric. A conductor takes eta and k",
+        ),
         ({"material": "Al", "k": 3.0}, "cooktorrance: material and k are both given."),
     ],
     ids=lambda x: None if isinstance(x, dict) else x[:40],
