@@ -78,6 +78,11 @@ class HanrahanKrueger(Model):
         {"thickness": 0.01, "g": -0.8, "eta": 1.1},
     )
 
+    def faults(self) -> dict[str, str]:
+        return {
+            "gradient_prb": "prb takes derivatives from eval: where straight light was sampled it finds the scattered's"
+        }
+
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any, Any]:
         i, o = inside(wi, p.eta), inside(wo, p.eta)
         mi, mo = abs(i.z), abs(o.z)
