@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -86,7 +87,7 @@ def forward(subject: Subject, quantity: Quantity, value: Callable[[], Any]) -> A
 def moved(base: Any, t: Any) -> Any:
     """`t` in the shape of a parameter."""
     if dr.is_tensor_v(base):
-        return type(base)(dr.repeat(type(base.array)(t), dr.prod(base.shape)), base.shape)
+        return type(base)(dr.repeat(type(base.array)(t), math.prod(base.shape)), base.shape)
     return t
 
 

@@ -92,7 +92,8 @@ def check(
         subject = BsdfSubject(what)
         made = Source(source, models_known(), tuple(setup), bounds_of(subject)) if source is not None else None
         return of_bsdf([subject], made, faults_of(what), False, wanted, progress, seed)
-    whole = {"type": what, **given} if isinstance(what, str) else {**what, **given}
+    whole: dict[str, Any] = {"type": what} if isinstance(what, str) else dict(what)  # type: ignore[arg-type]
+    whole |= given
     model = registered().get(str(whole.get("type")))
     settings = plain_settings(whole)
     if model is not None and set(settings) == set(whole) - {"type"} and set(settings) <= {p.name for p in model.params}:
@@ -110,7 +111,7 @@ def check_scene(
     progress: Progress | None = None,
     seed: int = 0,
     setup: Sequence[str] = (),
-    **defaults: object,
+    **defaults: Any,
 ) -> dict[str, Result]:
     """Ask a BSDF of a scene file everything, by its name: see `plugins.scene.load` and `check`.
 
@@ -128,7 +129,7 @@ def check_scene(
     return of_bsdf([subject], source, faults_of(found.bsdf), False, selected(only, CHECKS), progress, seed)
 
 
-def alone_as_xml(path: str | os.PathLike[str], name: str, **defaults: object) -> str:
+def alone_as_xml(path: str | os.PathLike[str], name: str, **defaults: Any) -> str:
     """One BSDF of a scene file as XML text that stands alone: the `source` of a live BSDF."""
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "material.xml"

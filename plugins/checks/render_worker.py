@@ -82,8 +82,8 @@ def run(request: Request) -> dict[str, dict[str, list[float]]]:
         here = mean(mi.render(scene, spp=SPP, seed=seed))
         for key in keys:
             row = rows[key.removeprefix(prefix)]
-            bounds = request["bounds"].get(key.removeprefix(prefix), (-np.inf, np.inf))
-            row["differences"].append(difference(scene, params, key, base[key], tuple(bounds), here, seed))
+            low, high = request["bounds"].get(key.removeprefix(prefix), (-np.inf, np.inf))
+            row["differences"].append(difference(scene, params, key, base[key], (low, high), here, seed))
             row["mean"].append(here)
     for seed in request["seeds"]:
         for key, slope in zip(keys, automatic(scene, params, keys, base, seed), strict=True):

@@ -19,7 +19,7 @@ import plugins
 from brdf import UsageError
 from brdf.checks import CHECKS, QUESTIONS
 from plugins import registry
-from plugins.checks import check, check_scene, render
+from plugins.checks import check, check_scene, parametrize, render
 from plugins.checks.subject import BsdfSubject, from_dict
 from tests import toys
 
@@ -218,7 +218,7 @@ def test_it(check):
 
 def test_the_docstring_of_parametrize() -> None:
     """Its example names what there is."""
-    text = plugins.checks.parametrize.__doc__ or ""
+    text = parametrize.__doc__ or ""
     assert "from plugins.checks import parametrize" in text and "@parametrize(" in text
 
 
