@@ -18,6 +18,8 @@ SLOPES = (1e-4, 1.0)
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 80.0, 85.0, 88.0, 89.9)
 #: Azimuths at which an anisotropic surface is looked at, and one that is not [deg].
 AZIMUTHS = (0.0, 45.0, 90.0)
+#: The same where each direction is a quadrature or a test of its own.
+FEW_AZIMUTHS = (0.0, 55.0)
 
 
 def at_angle(angle: float, azimuth: float = 0.0) -> Array:
@@ -27,9 +29,9 @@ def at_angle(angle: float, azimuth: float = 0.0) -> Array:
     return np.array([math.sin(a) * math.cos(phi), math.sin(a) * math.sin(phi), z])
 
 
-def incident(subject: Subject, angles: tuple[float, ...]) -> list[Array]:
+def incident(subject: Subject, angles: tuple[float, ...], azimuths: tuple[float, ...] = AZIMUTHS) -> list[Array]:
     """Directions at these angles from the normal, from below as well if the subject transmits."""
-    azimuths = AZIMUTHS if subject.anisotropic else AZIMUTHS[:1]
+    azimuths = azimuths if subject.anisotropic else azimuths[:1]
     sides = (1.0, -1.0) if subject.transmits else (1.0,)
     return [at_angle(a, phi) * [1, 1, side] for side in sides for phi in azimuths for a in angles]
 
@@ -62,7 +64,7 @@ def pairs(subject: Subject, n: int, seed: int) -> tuple[Any, Any]:
     if subject.transmits:
         wi[2] *= np.where(rng.random(n) < 0.5, -1, 1)
         wo[2] *= np.where(rng.random(n) < 0.5, -1, 1)
-    drawn = subject.sample(subject.vector(wi), subject.vector(np.minimum(rng.random((3, n)), BELOW_ONE)))
+    drawn = subject.draw(subject.vector(wi), subject.vector(np.minimum(rng.random((3, n)), BELOW_ONE)))
     found = np.asarray(drawn.wo, dtype=np.float64).reshape(3, -1)
     use = (kind == 2) & (np.asarray(drawn.pdf, dtype=np.float64) > 0) & np.isfinite(found).all(axis=0)
     wo = np.where(use & ~np.asarray(drawn.ideal, dtype=bool), found, wo)

@@ -23,7 +23,7 @@ SHORTEST = 0.2
 #: The ends of the square are at infinity: it is used up to here.
 INSIDE = 1 - 2.0**-16
 #: Points along each side of the square, before and after one refinement.
-POINTS = (256, 512)
+POINTS = (192, 384)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def around(subject: Subject, wi: npt.NDArray[np.float64], lobe: int | None, seed
     reaches; none if no direction comes out."""
     vector = subject.vector
     u = vector(stratified(SIDE, 1, seed))
-    drawn = subject.sample(opaque(vector, wi) + 0 * u, u, lobe)
+    drawn = subject.draw(opaque(vector, wi) + 0 * u, u, lobe)
     wo = np.asarray(drawn.wo, dtype=np.float64).reshape(3, -1)
     lit = (channels(drawn.weight) != 0).any(axis=0)
     good = lit & (np.asarray(drawn.pdf) > 0) & ~np.asarray(drawn.ideal, dtype=bool) & np.isfinite(wo).all(axis=0)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..geometry import cosine_hemisphere
 from ..model import Model, Values
-from .directions import ANGLES, incident, stratified
+from .directions import ANGLES, FEW_AZIMUTHS, incident, stratified
 from .domain import around, integral
 from .result import Finding, at_most, not_asked, worst
 from .subject import Subject
@@ -75,7 +75,7 @@ def brightest(subject: Subject, directions: list[npt.NDArray[np.float64]], lobe:
     n = BATCHES * SIDE * SIDE
     u = vector(np.tile(stratified(SIDE, BATCHES, seed), len(directions)))
     wi = vector(np.repeat(np.array(directions).T, n, axis=1))
-    drawn = subject.sample(wi, u, lobe)
+    drawn = subject.draw(wi, u, lobe)
     weights = channels(drawn.weight)
     weights = np.broadcast_to(weights, (len(weights), n * len(directions)))
     found = [summarise(w.reshape(len(w), BATCHES, -1)) for w in np.split(weights, len(directions), axis=1)]
@@ -88,7 +88,7 @@ def agreement(subject: Subject, lobe: int, seed: int) -> list[Finding]:
     findings = []
     vector = subject.vector
     part = subject.lobes[lobe]
-    for wi in incident(subject, COMPARED):
+    for wi in incident(subject, COMPARED, FEW_AZIMUTHS):
         domains = around(subject, wi, lobe, seed)
         if not domains:
             continue

@@ -59,9 +59,10 @@ def ask(subject: Subject, seed: int = 0) -> Finding:
 def asked(subject: Subject, wi: Any, wo: Any, seen: Any, u: Any) -> Iterator[tuple[str, Any, bool, dict[str, Any]]]:
     """What is computed, its value, whether it may be negative, and from which inputs."""
     here, drawn = {"wi": wi, "wo": wo}, {"wi": seen, "u": u}
-    yield "f", subject.f(wi, wo), False, here
-    yield "pdf", subject.pdf(wi, wo), False, here
-    sample = subject.sample(seen, u)
+    f, pdf, sample = subject.f(wi, wo), subject.pdf(wi, wo), subject.sample(seen, u)
+    dr.eval(f, pdf, sample)
+    yield "f", f, False, here
+    yield "pdf", pdf, False, here
     yield "the weight of a sample", sample.weight, False, drawn
     yield "the density of a sample", sample.pdf, False, drawn
     yield "a sampled direction", dr.select(sample.pdf > 0, sample.wo, 0), True, drawn

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .differences import Step, derivative, step
 from .directions import hemisphere, pairs, row
-from .result import Finding, at_most, not_asked, worst
+from .result import Finding, at_most, not_asked, worst_parameter
 from .subject import BELOW_ONE, Quantity, Subject
 from .values import channels
 
@@ -48,7 +48,7 @@ def ask(subject: Subject, seed: int = 0) -> Finding:
             continue
         value, where = measured(subject, lobe, seed)
         findings += [compare(subject, q, value, what, where) for q in quantities]
-    return worst(findings)
+    return worst_parameter(findings)
 
 
 def measured(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
 from .directions import hemisphere, pairs, row
@@ -80,8 +81,8 @@ def there_and_back(subject: Subject, lobe: int, seed: int) -> Finding:
         given[2] *= np.where(rng.random(RAYS) < 0.5, -1, 1)
     wi = vector(given)
     u = vector(np.minimum(rng.random((3, RAYS)), BELOW_ONE))
-    there = subject.sample(wi, u, lobe)
-    back = subject.sample(vector(there.wo), u, lobe)
+    there = subject.draw(wi, u, lobe)
+    back = subject.draw(vector(there.wo), u, lobe)
     powers = [channels(s.weight * s.pdf) for s in (there, back)]
     steep = np.minimum(np.abs(given[2]), np.abs(channels(there.wo)[2])) > STEEP[subject.double]
     lit = (powers[0].max(axis=0) > 0) & steep
@@ -133,7 +134,9 @@ def reciprocity(
     (float, (wi, wo))
         The difference, in [0, 2] (inf where a value is not finite), and the pair of directions where it was found.
     """
-    there, back = channels(f(wi, wo)), channels((adjoint or f)(wo, wi))
+    both = f(wi, wo), (adjoint or f)(wo, wi)
+    dr.eval(both)
+    there, back = (channels(value) for value in both)
     larger = np.maximum(np.abs(there), np.abs(back))
     peak = np.max(larger, initial=0.0, where=np.isfinite(larger))
     counts = (larger > 0) & ~(larger < floor * peak)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,16 @@ def not_asked(reason: str, case: Mapping[str, Any] | None = None) -> Finding:
 def worst(findings: Sequence[Finding]) -> Finding:
     """The one that failed most, else the one that is nearest to failing, else one that was not asked."""
     return max(findings, key=lambda f: (not f.passed, f.figure is not None, f.badness))
+
+
+def worst_parameter(findings: Sequence[Finding]) -> Finding:
+    """As `worst`, of findings on one parameter each; ``case["also"]`` gives the figures of the others that failed."""
+    found = worst(findings)
+    also = {f.case["parameter"]: f.figure for f in findings if not f.passed and f is not found}
+    if not also:
+        return found
+    reason = f"{found.reason} Also off: {', '.join(also)}."
+    return replace(found, reason=reason, case={**found.case, "also": also})
 
 
 @dataclass(frozen=True)

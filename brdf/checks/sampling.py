@@ -10,7 +10,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from .directions import incident, pairs, row, stratified
+from .directions import FEW_AZIMUTHS, incident, pairs, row, stratified
 from .domain import around, integral
 from .result import Finding, at_most, not_asked, worst
 from .subject import Subject
@@ -39,7 +39,7 @@ def ask(subject: Subject, seed: int = 0) -> Finding:
         return not_asked("All lobes are ideal: there is no density.")
     findings = []
     for lobe in numbers(subject):
-        for wi in incident(subject, ANGLES):
+        for wi in incident(subject, ANGLES, FEW_AZIMUTHS):
             findings += [normalisation(subject, wi, lobe, seed), weights(subject, wi, lobe, seed)]
         findings.append(support(subject, lobe, seed))
     return worst(findings)
@@ -86,15 +86,16 @@ def weights(subject: Subject, wi: np.ndarray, lobe: int | None, seed: int) -> Fi
     vector = subject.vector
     u = vector(stratified(SIDE, 1, seed))
     given = vector(*wi.tolist()) + 0 * u
-    drawn = subject.sample(given, u, lobe)
+    drawn = subject.draw(given, u, lobe)
     # A sample without weight is one that found no direction. What is lost by that, `energy` sees.
     lit = (channels(drawn.weight) != 0).any(axis=0)
     smooth = ~np.asarray(drawn.ideal, dtype=bool) & (np.asarray(drawn.pdf) > 0) & lit
     if not smooth.any():
         return not_asked("No direction is sampled.")
     wo = vector(drawn.wo)
-    value = channels(subject.adjoint(given, wo, lobe) * abs(wo.z))
-    density = channels(subject.pdf(given, wo, lobe))
+    both = subject.adjoint(given, wo, lobe) * abs(wo.z), subject.pdf(given, wo, lobe)
+    dr.eval(both)
+    value, density = (channels(x) for x in both)
     got = channels(drawn.weight) * density
     difference = np.abs(got - value).max(axis=0)
     larger = np.maximum(np.abs(got), np.abs(value)).max(axis=0)
@@ -121,8 +122,9 @@ def weights(subject: Subject, wi: np.ndarray, lobe: int | None, seed: int) -> Fi
 def support(subject: Subject, lobe: int | None, seed: int) -> Finding:
     """Whether every direction that matters can be sampled."""
     wi, wo = pairs(subject, PAIRS, seed)
-    value = channels(subject.f(wi, wo, lobe) * abs(wo.z)).max(axis=0)
-    density: Any = channels(subject.pdf(wi, wo, lobe))[0]
+    both = subject.f(wi, wo, lobe) * abs(wo.z), subject.pdf(wi, wo, lobe)
+    dr.eval(both)
+    value, density = channels(both[0]).max(axis=0), channels(both[1])[0]
     lost = (value > DARK * value.max(initial=0)) & ~(density > 0)
     index = int(np.argmax(np.where(lost, value, -1)))
     case = subject.case(

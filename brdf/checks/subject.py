@@ -89,6 +89,12 @@ class Subject(ABC):
     def sample(self, wi: Any, u: Any, lobe: int | None = None) -> Sample:
         """Directions from `u` in [0, 1)^3."""
 
+    def draw(self, wi: Any, u: Any, lobe: int | None = None) -> Sample:
+        """What `sample` says, computed at once instead of entry by entry."""
+        drawn = self.sample(wi, u, lobe)
+        dr.eval(drawn)
+        return drawn
+
     @abstractmethod
     def quantities(self) -> tuple[Quantity, ...]:
         """The parameters in which one may differentiate."""

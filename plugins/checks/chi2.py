@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from brdf.checks.directions import incident
+from brdf.checks.directions import FEW_AZIMUTHS, incident
 from brdf.checks.domain import Around, around
 from brdf.checks.result import Finding, at_least, not_asked, worst
 from brdf.checks.sampling import ANGLES, called, density_where_it_counts, numbers
@@ -30,7 +32,7 @@ def ask(subject: BsdfSubject, seed: int = 0) -> Finding:
     found = [
         test(subject, wi, lobe, domain, seed)
         for lobe in numbers(subject)
-        for wi in incident(subject, ANGLES)
+        for wi in incident(subject, ANGLES, FEW_AZIMUTHS)
         for domain in finest(subject, wi, lobe)
     ]
     return worst(found) if found else not_asked("No direction is sampled.")
@@ -67,7 +69,8 @@ def finest(subject: BsdfSubject, wi: np.ndarray, lobe: int | None) -> list[Aroun
     found = [d for i, part in enumerate(subject.lobes) if part.smooth for d in around(subject, wi, i)]
     sides: dict[int, Around] = {}
     for domain in sorted(found, key=lambda d: -float((d.scale[0] * d.scale[1])[0])):
-        sides[domain.side] = domain
+        side = int(math.copysign(1, float(domain.axes[2].z[0]))) if subject.transmits else 0
+        sides[side] = replace(domain, side=side)
     return list(sides.values())
 
 

@@ -14,14 +14,15 @@ import mitsuba as mi
 from brdf import Model, UsageError
 from brdf.checks.gather import QUESTIONS, Progress, check_model, selected, trials
 from brdf.checks.result import CHECKS, Finding, Result, judge, not_asked
-from brdf.checks.subject import ModelSubject, shell_line
+from brdf.checks.subject import ModelSubject
 
 from .. import scene as scenes
 from .. import xmlfile
+from ..adapter import choose
 from ..registry import register, registered
 from . import chi2, render
 from .render import Source
-from .subject import BsdfSubject, plain_settings
+from .subject import BsdfSubject, from_dict, plain_settings
 
 #: The checks that render, by name.
 RENDERS = {f"gradient_{integrator}": integrator for integrator in render.INTEGRATORS}
@@ -120,22 +121,19 @@ def check_scene(
     """
     loaded = scenes.load(path, **defaults)
     found = scenes.find(loaded, name)
-    with tempfile.TemporaryDirectory() as folder:
-        alone = Path(folder) / "material.xml"
-        xmlfile.material(path, name, {}, alone, **defaults)
-        text = alone.read_text(encoding="utf-8")
+    text = alone_as_xml(path, name, **defaults)
     line = f"brdf check {os.fspath(path)} --bsdf {name}"
     subject = BsdfSubject(found.bsdf, name, {"type": found.plugin, **found.props}, line)
     source = Source(text, models_known(), tuple(setup), bounds_of(subject))
     return of_bsdf([subject], source, faults_of(found.bsdf), False, selected(only, CHECKS), progress, seed)
 
 
-def from_dict(given: Mapping[str, Any]) -> BsdfSubject:
-    """A BSDF from a dictionary as for ``mi.load_dict``."""
-    settings = plain_settings(given)
-    whole = len(settings) == len(given) - 1
-    line = shell_line(str(given["type"]), settings) if whole else ""
-    return BsdfSubject(mi.load_dict(dict(given)), str(given["type"]), settings if whole else {"bsdf": given}, line)
+def alone_as_xml(path: str | os.PathLike[str], name: str, **defaults: object) -> str:
+    """One BSDF of a scene file as XML text that stands alone: the `source` of a live BSDF."""
+    with tempfile.TemporaryDirectory() as folder:
+        alone = Path(folder) / "material.xml"
+        xmlfile.material(path, name, {}, alone, **defaults)
+        return alone.read_text(encoding="utf-8")
 
 
 def of_model(
@@ -148,8 +146,8 @@ def of_model(
 ) -> dict[str, Result]:
     """The checks of a model: its formula in float64, its plugin where that matters."""
     choices = {p.name: given[p.name] for p in model.params if p.kind == "choice" and p.name in given}
-    made = model(**choices)
     values = {name: value for name, value in given.items() if name not in choices}
+    made = choose(model, choices, list(values))
     settings = [values] if values else trials(made)
     everywhere = not values
     steps = Steps(wanted, progress)

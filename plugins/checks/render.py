@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from brdf.checks.result import Finding, at_most, not_asked, plain, worst
+from brdf.checks.result import Finding, at_most, not_asked, plain, worst_parameter
 
 from .render_worker import Request
 
@@ -122,7 +122,7 @@ def judged(answer: Mapping[str, Any], case: Mapping[str, Any], integrator: str, 
         return Finding(False, None, None, math.inf, f"`{integrator}` raises: {answer['error'][:400]}", case)
     if not answer["rows"]:
         return not_asked("There is no parameter to differentiate in.")
-    return worst([row(name, values, case) for name, values in answer["rows"].items()])
+    return worst_parameter([row(name, values, case) for name, values in answer["rows"].items()])
 
 
 def row(name: str, values: Mapping[str, Sequence[float]], case: Mapping[str, Any]) -> Finding:

@@ -12,7 +12,7 @@ import numpy as np
 
 from brdf import UsageError
 from brdf.checks.directions import hemisphere, stratified
-from brdf.checks.subject import Part, Quantity, Sample, Subject
+from brdf.checks.subject import Part, Quantity, Sample, Subject, shell_line
 from brdf.checks.values import channels
 
 from ..registry import registered
@@ -217,3 +217,11 @@ def plain_settings(given: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(value, str | bool | int | float | tuple | list):
             out[key] = value
     return out
+
+
+def from_dict(given: Mapping[str, Any]) -> BsdfSubject:
+    """A BSDF from a dictionary as for ``mi.load_dict``."""
+    settings = plain_settings(given)
+    whole = len(settings) == len(given) - 1
+    line = shell_line(str(given["type"]), settings) if whole else ""
+    return BsdfSubject(mi.load_dict(dict(given)), str(given["type"]), settings if whole else {"bsdf": given}, line)

@@ -9,27 +9,34 @@ import drjit.llvm.ad as wide
 import numpy as np
 import pytest
 
-from brdf import builtin, defaults, evaluate
+from brdf import Model, UsageError, defaults, evaluate
+from brdf.checks import CHECKS, Finding, ModelSubject, Result, check_model, judge
+from brdf.checks.differences import Step, derivative, step
+from brdf.checks.domain import around, integral
 from brdf.checks.energy import albedo, cosine_weight, lobe_weight, stratified
 from brdf.checks.reciprocity import reciprocity
+from brdf.checks.result import at_least, at_most, not_asked, worst
 from brdf.models.cooktorrance import CookTorrance
+from tests import toys
+from tests.models import named, variations
 from tests.oracles import directions
 
 VECTORS = [wide.Array3f, wide.Array3f64]
 WI, WO = directions.hemisphere(500, 1), directions.hemisphere(500, 2)
 
 
-@pytest.mark.parametrize("vector", VECTORS)
-@pytest.mark.parametrize("model", [m() for m in builtin().values()], ids=lambda m: m.name)
-def test_our_models_are_reciprocal_and_conserve_energy(model: Any, vector: Any) -> None:
-    """Lambertian and V-cavity with its defaults: exactly 0; albedo below 1."""
-    p = defaults(model, vector)
-    wi, wo = vector(*WI.T), vector(*WO.T)
-    difference, _ = reciprocity(lambda a, b: evaluate(model, p, a, b), wi, wo)
-    assert difference == 0
-    for mu in (1.0, 0.5, 0.02):
-        value, error = albedo(lobe_weight(model, p), mu, vector)
-        assert 0 < value < 1 + 3 * error
+#: Models that take long to compile: tried with the slow tests.
+HEAVY = {"grooved"}
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pytest.param(m, id=named(m), marks=[pytest.mark.slow] if m.name in HEAVY else []) for m in variations()],
+)
+def test_every_model_ends_as_it_declares(model: Model) -> None:
+    """All checks without a renderer, at all its trials: what is declared to fail does, and nothing else."""
+    for name, result in check_model(model).items():
+        assert result.expected, (name, result)
 
 
 @pytest.mark.parametrize("vector", VECTORS)
@@ -119,3 +126,70 @@ def test_strata() -> None:
     for batch in u.transpose(1, 0, 2):
         assert len({(int(a * 8), int(b * 8)) for a, b in batch[:2].T}) == 64
         assert len({int(c * 64) for c in batch[2]}) == 64
+
+
+def test_results() -> None:
+    """The worst of several; what is declared; and plain values."""
+    good, bad = at_most(0.1, 1.0, "no", {"a": 1}), at_most(2.0, 1.0, "too much", {"w": np.array([1.0, np.inf])})
+    none = not_asked("nothing there")
+    assert (good.passed, good.reason) == (True, "") and not bad.passed
+    assert worst([none, good, bad]) is bad and worst([none, good]) is good
+    assert not at_most(np.nan, 1.0, "", {}).passed and not at_least(np.nan, 1.0, "", {}).passed
+    assert at_most(0.0, 0.0, "", {}).passed and not at_most(1.0, 0.0, "", {}).passed
+    assert at_least(0.3, 0.1, "", {}).passed and not at_least(0.05, 0.1, "", {}).passed
+
+    result = judge("energy", [good, bad])
+    assert (result.passed, result.expected, result.reason) == (False, False, "too much")
+    assert result.as_dict() == {
+        "passed": False, "expected": False, "figure": 2.0, "limit": 1.0, "reason": "too much", "case": {"w": [1.0, None]},
+    }  # fmt: skip
+    declared = judge("energy", [bad], "it is bright")
+    assert (declared.expected, declared.reason, declared.case["found"]) == (True, "it is bright", "too much")
+    undue = judge("energy", [good], "it is bright")
+    assert undue.passed and not undue.expected and "it is bright" in undue.reason
+    assert judge("energy", [good], "it is bright", must_occur=False).expected
+    assert isinstance(none, Finding) and isinstance(undue, Result) and "energy" in CHECKS
+
+
+def test_check_model() -> None:
+    found = check_model(toys.Paper)
+    assert all(r.passed and r.expected for r in found.values())
+    assert found["energy"].figure == pytest.approx(0.4, abs=1e-9)
+    assert found["coupling"].figure == pytest.approx(0.9, abs=0.002)
+    assert check_model(toys.Paper, {"reflectance": 0.6}, only=["energy"])["energy"].figure == pytest.approx(0.6)
+    with pytest.raises(UsageError, match=r"^there is no check 'gradient_path'"):
+        check_model(toys.Paper, only=["gradient_path"])
+
+
+def test_differences() -> None:
+    """Of a smooth function to many digits, with an error that covers; within the bounds; and of a noisy one."""
+    x = np.linspace(0.5, 3, 50)
+    value, error = derivative(lambda t: np.sin(3 * (x + t)), Step(0.05, 0), 2.0**-53)
+    assert np.abs(value - 3 * np.cos(3 * x)).max() < 1e-9
+    assert (np.abs(value - 3 * np.cos(3 * x)) <= 3 * error).all()
+    value, error = derivative(lambda t: np.sqrt(x + t), Step(0.05, 1), 2.0**-53)
+    np.testing.assert_allclose(value, 0.5 / np.sqrt(x), rtol=1e-6)
+    value, error = derivative(lambda t: np.float32(1000 + np.sin(x + t)).astype(float), Step(0.05, 0), 2.0**-24)
+    assert (np.abs(value - np.cos(x)) <= 3 * error).all()
+    assert step(0.5, (0.0, 1.0)) == Step(0.025, 0)
+    assert step(1.0, (0.0, 1.0)).side == -1 and step(0.0, (0.0, 1.0)).side == 1 and step(0.0).side == 1
+    assert step(1e-3, (1e-4, 1.0)).reach < 9e-4
+
+
+@pytest.mark.parametrize("m", [1e-3, 0.1, 1.0])
+def test_a_domain_holds_a_lobe(m: float) -> None:
+    """There and back again; the sphere's solid angle; and the density of a lobe however sharp."""
+    subject = ModelSubject(CookTorrance(), m=m)
+    vector = subject.vector
+    wi = directions.unit(0.4, 0.3)
+    (domain,) = around(subject, wi, 1)
+    x, y = dr.meshgrid(*(dr.linspace(wide.Float64, -0.99, 0.99, 50) for _ in range(2)))
+    again = domain.point(domain.direction(x, y))
+    assert dr.max(abs(again[0] - x) + abs(again[1] - y))[0] < 1e-6
+    if m == 1.0:  # a sharp lobe leaves few points for the rest of the sphere
+        total, _ = integral(lambda w: 1 + 0 * w.z, [domain], vector)
+        assert total[0] == pytest.approx(4 * np.pi, rel=0.02)
+    given = vector(*wi.tolist())
+    total, change = integral(lambda w: subject.pdf(given, w, 1), [domain], vector)
+    lost = (np.asarray(subject.draw(given, vector(np.random.default_rng(1).random((3, 1 << 16))), 1).pdf) == 0).mean()
+    assert total[0] + lost == pytest.approx(1, abs=0.01 + change)

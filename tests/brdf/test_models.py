@@ -18,7 +18,9 @@ from brdf import Lobe, Model, UsageError, builtin, defaults, evaluate
 from brdf.models.cooktorrance import CookTorrance
 from brdf.models.lambertian import Lambertian
 from tests.brdf.arrays import VECTORS, call, to_numpy
+from tests.models import named
 from tests.oracles import directions
+from tests.toys import Paper
 
 FOLDER = Path(brdf.__file__).parent
 KEY = re.compile(r"\b[a-z]+(?:19|20|18|17)\d\d[a-z]?\b")
@@ -30,7 +32,7 @@ TOGETHER = {"masking", "distribution", "roughness"}
 
 def instances() -> list[Model]:
     """Every model with every option of its choices, and every combination of those that act on each other."""
-    made = []
+    made: list[Model] = [Paper()]
     for model in builtin().values():
         options = {p.name: p.options for p in model.params if p.kind == "choice"}
         usual = {name: known[0] for name, known in options.items()}
@@ -45,7 +47,7 @@ def instances() -> list[Model]:
     return made
 
 
-every = pytest.mark.parametrize("model", instances(), ids=lambda m: "-".join([m.name, *vars(m).values()]))
+every = pytest.mark.parametrize("model", instances(), ids=named)
 
 
 def test_found_by_file() -> None:
@@ -76,13 +78,24 @@ def test_an_entry_for_each_lobe(model: Model, vector: Any) -> None:
     for returned in (model.f(p, w, v), model.pdf(p, w, v), model.choose(p, w)):
         assert isinstance(returned, tuple)
         assert len(returned) == len(model.lobes)
-    for i in range(len(model.lobes)):
-        assert type(model.sample(p, w, vector(0.1, 0.2, 0.3), i)) is vector
+    for i, lobe in enumerate(model.lobes):
+        if lobe.ideal:
+            sent = model.ideal(p, w, i)
+            assert type(sent.wo) is vector
+            assert (to_numpy(sent.wo)[2] < 0).all() == lobe.transmits
+            assert np.sum(to_numpy(sent.wo) ** 2) == pytest.approx(1, abs=1e-6)
+            assert np.all((to_numpy(sent.weight) >= 0) & (to_numpy(sent.weight) <= 1))
+        else:
+            drawn = model.sample(p, w, vector(0.1, 0.2, 0.3), i)
+            assert type(drawn) is vector
+            assert (to_numpy(drawn)[2] < 0).all() == lobe.transmits
     assert type(evaluate(model, p, w, v)) is vector
-    assert (to_numpy(evaluate(model, p, w, v)) > 0).all()
+    reflects = any(not lobe.ideal and not lobe.transmits for lobe in model.lobes)
+    passes = any(not lobe.ideal and lobe.transmits for lobe in model.lobes)
+    assert (to_numpy(evaluate(model, p, w, v)) > 0).all() == reflects
     if dr.is_jit_v(vector):
         back = vector(0, 0.28, -0.96)
-        assert (to_numpy(evaluate(model, p, w, back)) == 0).all()
+        assert (to_numpy(evaluate(model, p, w, back)) != 0).any() == passes
 
 
 @every
@@ -99,21 +112,25 @@ def test_scalar_and_wide_agree(model: Model) -> None:
 
 @every
 def test_sampling_density_is_normalised(model: Model) -> None:
-    """Each lobe's density integrates to 1, less what is sampled below the horizon."""
+    """Each smooth lobe's density integrates to 1, less what is sampled on the side where the lobe is not."""
     vector = VECTORS["float64"]
     n = 400
     z, phi = (np.arange(n) + 0.5) / n, (np.arange(2 * n) + 0.5) * np.pi / n
     mu, angle = (a.ravel() for a in np.meshgrid(z, phi, indexing="ij"))
     sin = np.sqrt(1 - mu**2)
-    wo = vector(sin * np.cos(angle), sin * np.sin(angle), mu)
     u = vector(*np.random.default_rng(2).random((3, 1 << 18)))
-    for cos in (1.0, 0.6, 0.2):
+    for cos in (1.0, 0.6, 0.2, -0.6) if model.transmits else (1.0, 0.6, 0.2):
         wi = vector(*directions.unit(cos, 0.5).tolist())
         p = defaults(model, vector)
-        for i, density in enumerate(model.pdf(p, wi, wo)):
-            below = (to_numpy(model.sample(p, wi, u, i))[2] <= 0).mean()
-            total = np.sum(to_numpy(density)) * (1 / n) * (np.pi / n)
-            assert total + below == pytest.approx(1, abs=0.005)
+        for i, lobe in enumerate(model.lobes):
+            if lobe.ideal:
+                continue
+            side = np.sign(cos) * (-1 if lobe.transmits else 1)
+            wo = vector(sin * np.cos(angle), sin * np.sin(angle), side * mu)
+            density = to_numpy(model.pdf(p, wi, wo)[i])
+            lost = (side * to_numpy(model.sample(p, wi, u, i))[2] <= 0).mean()
+            total = np.sum(density) * (1 / n) * (np.pi / n)
+            assert total + lost == pytest.approx(1, abs=0.005)
 
 
 def test_lambertian() -> None:
