@@ -1,8 +1,8 @@
 """Microfacet bricks: distributions of normals (`D`) and masking-shadowing (`G`).
 
-A distribution is given by the square root of pi D (`beckmann_d_half`, `ggx_d_half`, `blinn_d_half`), the tangents of its
-normals (`beckmann_tangent`, ...) and Smith's masking (`smith_g1`, `ggx_g1`): `DISTRIBUTIONS` has them by name. Each is
-anisotropic with a roughness that depends on the azimuth: see `roughness_of_normal` and `roughness_of_view`.
+A distribution is given by the square root of pi D (`beckmann_d_half`, `ggx_d_half`, `blinn_d_half`), the tangents of
+its normals (`beckmann_tangent`, ...) and Smith's masking (`smith_g1`, `ggx_g1`): `DISTRIBUTIONS` has them by name. Each
+is anisotropic with a roughness that depends on the azimuth: see `roughness_of_normal` and `roughness_of_view`.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def beckmann_pdf(tan2: Any, m: Any) -> Any:
 def ggx_d_half(tan2: Any, m: Any) -> Any:
     """The square root of pi D of Trowbridge and Reitz's distribution, known as GGX.
 
-    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = (1 + tan^2) / (m + tan^2 / m)``, a quotient of sums: written so, no
-    derivative on the way is larger than the last.
+    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = (1 + tan^2) / (m + tan^2 / m)``, a quotient of sums. Written so,
+    no derivative on the way is larger than the last.
 
     Parameters
     ----------
@@ -138,14 +138,14 @@ def facet(tan: Any, c: Any, s: Any, like: Any) -> Any:
 def roughness_of_normal(g: Half, m_u: Any, m_v: Any) -> Any:
     """The roughness that an anisotropic distribution has at the azimuth of a facet normal.
 
-    ``1 / m^2 = cos_phi^2 / m_u^2 + sin_phi^2 / m_v^2``. With it each distribution here is anisotropic as its authors have
-    it: ``D(tan2, m) m^2 / (m_u m_v)``, whose integral is again 1.
+    ``1 / m^2 = cos_phi^2 / m_u^2 + sin_phi^2 / m_v^2``. With it each distribution here is anisotropic as its authors
+    have it: ``D(tan2, m) m^2 / (m_u m_v)``, whose integral is again 1.
 
     Parameters
     ----------
     g : Half
-        The facet normal is ``(hx, hy, hz)``, of any length. On the surface normal, where no azimuth is, it is 1: `D` does
-        not depend on it there.
+        The facet normal is ``(hx, hy, hz)``, of any length. On the surface normal, where no azimuth is, it is 1: `D`
+        does not depend on it there.
     m_u, m_v : float
         Roughness along x and y, > 0 [1].
 
@@ -161,8 +161,8 @@ def roughness_of_normal(g: Half, m_u: Any, m_v: Any) -> Any:
 def roughness_of_view(w: Any, m_u: Any, m_v: Any) -> Any:
     """The roughness of an anisotropic surface in the plane of a direction, which is what masks it.
 
-    ``m^2 = cos_phi^2 m_u^2 + sin_phi^2 m_v^2`` at the azimuth of `w`: the slopes in a plane have that variance. It is 1 on
-    the normal, where nothing is masked.
+    ``m^2 = cos_phi^2 m_u^2 + sin_phi^2 m_v^2`` at the azimuth of `w`: the slopes in a plane have that variance. It is
+    1 on the normal, where nothing is masked.
 
     References
     ----------
@@ -324,8 +324,8 @@ def vcavity_g1_over_cosine(c: Any, hh: Any, hz: Any) -> Any:
 
 
 class Distribution(NamedTuple):
-    """A distribution of facet normals: ``D = d_half(tan2, m)^2 / pi``, tangents sampled by ``tangent(u, m)`` with density
-    ``D cos``, and Smith's masking ``g1(w, m)``."""
+    """A distribution of facet normals: ``D = d_half(tan2, m)^2 / pi``, tangents sampled by ``tangent(u, m)`` with
+    density ``D cos``, and Smith's masking ``g1(w, m)``."""
 
     d_half: Callable[[Any, Any], Any]
     tangent: Callable[[Any, Any], Any]

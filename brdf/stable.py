@@ -11,6 +11,8 @@ import drjit as dr
 EXPONENT_CAP = (400.0, 2980.0)
 #: `cosine_integral`: steps of its recurrence, and levels of its continued fraction, that give float64 its last digit.
 INTEGRAL_STEPS, INTEGRAL_LEVELS = 6, 6
+#: `mean_decay`: terms whose last, for x = 1/2, is below rounding in float64, and so is that of its derivative.
+DECAY_TERMS = 15
 #: ``2 j / (2 j + 1)!`` from j = 1: the last, for h = 1, is below rounding in float64.
 REST_SERIES = tuple(2 * j / math.factorial(2 * j + 1) for j in range(1, 10))
 
@@ -110,6 +112,22 @@ def cube_remainder_of_sine(x: Any) -> Any:
     small = x2 < 1
     away = dr.select(small, 1, x)
     return dr.select(small, series, (away - dr.sin(away)) / (away * away * away))
+
+
+def mean_decay(x: Any) -> Any:
+    """``(1 - exp(-x)) / x``, the mean of exp(-t) for t from 0 to x, for `x` in [0, 1/2], where the difference cancels.
+
+    A series, nested: ``1 - x/2 (1 - x/3 (1 - x/4 (...)))``.
+    """
+    total: Any = 1.0
+    for k in range(DECAY_TERMS, 0, -1):
+        total = 1 - x * (total / (k + 1))
+    return total
+
+
+def decay(x: Any) -> Any:
+    """``exp(-x)`` for `x` >= 0, however large: its derivative is then 0, never ``0 * inf``."""
+    return dr.exp(-dr.minimum(x, EXPONENT_CAP[is_double(x)]))
 
 
 def with_gradient(value: Any, proxy: Any) -> Any:

@@ -23,6 +23,8 @@ LOG_POINTS, OTHER_POINTS = 12, 5
 MOST_POINTS = 256
 #: A logarithmic grid spans this factor below and above the default; ``eta - 1`` this range.
 LOG_SPAN, ABOVE_ONE = 40.0, (0.05, 2.0)
+#: A scan along one colour has so many times the points of the grid, and looks into so many of the valleys.
+FINER, VALLEYS = 4, 3
 #: Ends of the names of a colour's components.
 CHANNELS = "rgb"
 
@@ -78,12 +80,63 @@ def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Calla
             solved = np.where((channel >= 0) & better[channel], solved, old)
             losses = np.minimum(losses, old_losses)
         found[numbers] = losses, solved
-    best = min(found.values(), key=lambda each: float(each[0].sum()))[1]
+    losses, best = min(found.values(), key=lambda each: float(each[0].sum()))
+    for places, param in axes:
+        if param.kind == "colour":
+            losses, best = scan(problem, best, losses, solvable, places, param, pause)
     # At an end of a logit scale the slope vanishes: a colour found to be black starts a little off it.
     ends = np.array([parameters.params[i].bounds for i in solvable]).reshape(-1, 2)
     inset = INSET * (ends[:, 1] - ends[:, 0])
     best[solvable] = np.clip(best[solvable], ends[:, 0] + inset, ends[:, 1] - inset)
     return parameters.free_of(best)
+
+
+def scan(
+    problem: Problem,
+    values: Array,
+    losses: Array,
+    solvable: npt.NDArray[np.intp],
+    places: npt.NDArray[np.intp],
+    param: Param,
+    pause: Callable[[], None],
+) -> tuple[Array, Array]:
+    """Go along a colour that is no fraction, and into each of the best valleys found: losses, and better values.
+
+    Such a colour may have several, as the index of a metal, which reflects as much with another index far away.
+    """
+    usual = axis(param)
+    x = np.linspace(param.to_free(usual[0]), param.to_free(usual[-1]), FINER * len(usual))
+    best_losses, best = losses, values
+
+    def at(colour: Array) -> Array:
+        nonlocal best_losses, best
+        pause()
+        here = values.copy()
+        here[places] = param.to_value(colour)
+        lost, solved = with_colours(problem, here, solvable)
+        better = lost < best_losses
+        best = best.copy()
+        best[places] = np.where(better, solved[places], best[places])
+        best_losses = np.minimum(lost, best_losses)
+        return lost
+
+    along = np.array([at(np.full(len(places), v)) for v in x])
+    bottoms = [valleys(x, along[:, c]) for c in range(len(places))]
+    for rank in range(max(len(b) for b in bottoms)):
+        at(np.array([b[min(rank, len(b) - 1)] for b in bottoms]))
+    return best_losses, best
+
+
+def valleys(x: Array, y: Array) -> Array:
+    """Where a function on a grid has its lowest minima, each by the parabola through three points."""
+    middle = np.flatnonzero((y[1:-1] <= y[:-2]) & (y[1:-1] <= y[2:])) + 1
+    middle = middle[np.argsort(y[middle])][:VALLEYS]
+    if not middle.size:
+        return x[[int(np.argmin(y))]]
+    before, here, after = y[middle - 1], y[middle], y[middle + 1]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / np.where(bend > 0, bend, 1.0)
+    return x[middle] + (x[1] - x[0]) * np.clip(shift, -0.5, 0.5)
 
 
 def with_colours(problem: Problem, values: Array, colours: npt.NDArray[np.intp]) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from typing import Any
 
@@ -53,14 +54,20 @@ def resolve(model: type[Model], props: mi.Properties) -> None:
 
 def index(owner: str, name: str, given: Any) -> float:
     """An index of refraction given as a number, or by name as Mitsuba does: ``air`` is 1.000277."""
-    if isinstance(given, int | float):
+    if isinstance(given, int | float) and not isinstance(given, bool) and given > 0:
         return float(given)
-    try:
-        return named(given)
-    except RuntimeError:
-        raise UsageError(
-            f"{owner}: {name} = {given!r} is neither a number nor a medium that Mitsuba knows: air, water, bk7, ..."
-        ) from None
+    if isinstance(given, str):
+        with contextlib.suppress(RuntimeError):
+            return named(given)
+    raise UsageError(
+        f"{owner}: {name} = {shown(given)} is neither a number above 0 nor a medium that Mitsuba knows: air, water, "
+        "bk7, ... A texture goes on eta."
+    )
+
+
+def shown(given: Any) -> str:
+    """What was given, in one line."""
+    return type(given).__name__ if isinstance(given, mi.Object) else repr(given)
 
 
 @functools.cache
@@ -78,7 +85,7 @@ def metal(owner: str, material: str) -> dict[str, Any]:
         made = mi.load_dict({"type": "roughconductor", "material": material})
     except RuntimeError:
         raise UsageError(
-            f"{owner}: material = {material!r} is no metal that Mitsuba has measured: Ag, Al, Au, Cr, Cu, W, ..."
+            f"{owner}: material = {shown(material)} is no metal that Mitsuba has measured: Ag, Al, Au, Cr, Cu, W, ..."
         ) from None
     if mi.is_rgb:
         params = mi.traverse(made)

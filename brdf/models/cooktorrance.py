@@ -48,7 +48,8 @@ class CookTorrance(Model):
 
     Facet normals are sampled as seen from `wi`: with Smith's masking of GGX (Heitz 2018), else in V-cavities (Heitz and
     d'Eon 2014). So with ``masking="vcavity"`` of any distribution and ``masking="smith"`` of GGX no sample weighs more
-    than ``specular_reflectance``.
+    than ``specular_reflectance``. With Smith's masking of Beckmann's facets a weight is at most ``sqrt(pi)`` times the
+    tangent of the facet's angle over the roughness: 7, since a random number in float32 gives no larger tangent.
 
     References
     ----------

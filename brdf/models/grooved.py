@@ -11,7 +11,7 @@ import numpy as np
 from .. import geometry
 from ..model import Lobe, Model, Values
 from ..param import colour, number
-from ..stable import cube_remainder_of_sine, is_double, log1p, with_gradient
+from ..stable import cube_remainder_of_sine, expm1, is_double, log1p, with_gradient
 
 #: (float32, float64) The Phong lobe is integrated where it is above exp(-this) of its maximum: as much as rounding.
 EFOLDS = (16.0, 32.0)
@@ -38,7 +38,8 @@ class Grooved(Model):
     them the diffuse part is integrated in closed form, the Phong lobe by a Gauss-Legendre rule. The ends move with
     `spacing` and `height`; derivatives take that into account by Leibniz's rule.
 
-    Light is scattered once: what one groove throws onto another is lost, so energy is lost and never gained.
+    Light is scattered once: what one groove throws onto another is lost, so energy is lost and never gained, as long as
+    `reflectance` and `specular_reflectance` add up to 1 at most.
 
     Sampling follows a line of sight to a point of the period, reflects it there by the Phong lobe, and is lost if the
     way out is blocked. No sample weighs more than ``specular_reflectance (exponent + 2) / (exponent + 1)``.
@@ -80,9 +81,8 @@ class Grooved(Model):
     lobes = (Lobe.DIFFUSE, Lobe.GLOSSY)
     trials = (
         {},
-        {"spacing": 2.0, "height": 0.0},
+        {"spacing": 2.0, "height": 0.0, "exponent": 1.0, "reflectance": 0.0, "specular_reflectance": 1.0},
         {"spacing": 4.0, "height": 0.9, "exponent": 200.0},
-        {"exponent": 1.0},
     )
 
     @property
@@ -117,8 +117,7 @@ class Grooved(Model):
         m = vector(dr.select(on_floor, 0, s), 0, dr.select(on_floor, 1, c))
         # The lobe lies about `wi` first: a reflection brings the z axis there, and then one about `m`.
         log_cos = log1p(-u.x) / (p.exponent + 1)
-        cos = dr.exp(log_cos)
-        sin = dr.sqrt(-2 * dr.sinh(log_cos) * cos)
+        cos, sin = dr.exp(log_cos), dr.sqrt(-expm1(2 * log_cos))
         y, x = dr.sincos(dr.two_pi * u.y)
         between = vector(wi.x, wi.y, wi.z + 1)
         about_wi = geometry.reflect_about(vector(sin * x, sin * y, cos), between * dr.rsqrt(geometry.square(between)))

@@ -17,10 +17,10 @@ class Phong(Model):
 
     ``a = wo.r`` is the cosine between `wo` and the mirror direction ``r`` of `wi`.
 
-    ``normalization="classic"``: ``N = 1 / cos_o``, with the light at `wo`. What is seen of it, ``f cos_o``, is then
-    ``specular_reflectance a^exponent``, as Phong shaded: 1 at most, always in the mirror direction. Such a lobe is not
-    reciprocal, and reflects ``2 pi / (exponent + 1)`` of the light at normal incidence, more than arrives for small
-    exponents.
+    ``normalization="classic"``: ``N = 1 / cos_o``, with the light at `wo`. What is seen, ``f cos_o``, is then
+    ``specular_reflectance a^exponent``, as Phong shaded: the maximum of ``a^exponent`` is 1, always in the mirror
+    direction. Such a lobe is not reciprocal, and reflects ``2 pi / (exponent + 1)`` of the light at normal incidence:
+    more than arrives if the exponent is small.
 
     ``normalization="modified"``: ``N = (exponent + 2) / (2 pi)``, Lafortune and Willems'. It is reciprocal, bit for
     bit, and conserves energy.
@@ -29,8 +29,8 @@ class Phong(Model):
     radiance L gives it, as ``diffuse_reflectance L``.
 
     Sampled about the mirror direction with density ``(exponent + 1) / (2 pi) a^exponent``; what falls below the horizon
-    weighs nothing. No other sample weighs more than ``specular_reflectance`` times 2 (modified), or
-    ``2 pi / (exponent + 1)`` (classic).
+    weighs nothing. What does not weighs, in units of ``specular_reflectance``, ``2 pi / (exponent + 1)`` (classic), or
+    ``(exponent + 2) / (exponent + 1)`` at most (modified).
 
     References
     ----------

@@ -12,6 +12,7 @@ from mpmath import mpf
 
 from brdf import fresnel, geometry, microfacet, stable
 from tests.brdf.arrays import EPS, VECTORS, call, error, precision, single, to_numpy
+from tests.brdf.slopes import slope
 from tests.oracles import directions, textbook
 
 ROUGHNESS = (1e-3, 0.01, 0.1, 0.3, 0.5, 1.0, 1.5)
@@ -262,6 +263,37 @@ def test_about(kind: str) -> None:
     basis = [to_numpy(geometry.about(vector(*axis.T), vector(*e))).T for e in np.eye(3).tolist()]
     np.testing.assert_allclose(np.cross(basis[0], basis[1]), basis[2], atol=close)
     np.testing.assert_allclose(sum(w[:, i : i + 1] * e for i, e in enumerate(basis)), turned, atol=close)
+
+
+@vectors
+def test_mean_decay(kind: str) -> None:
+    """``(1 - exp(-x)) / x`` and its derivative, where both are differences; 1 and -1/2 at 0."""
+    x = single([0.0, *10.0 ** np.arange(-12, 0), 0.2, 0.3, 0.4, 0.5])
+    exact = [mpf(v) for v in x]
+    want = [float((1 - mpmath.exp(-v)) / v) if v else 1.0 for v in exact]
+    got = call(stable.mean_decay, VECTORS[kind], x)
+    np.testing.assert_allclose(got, want, rtol=4 * EPS[precision(kind)])
+    if not kind.endswith("scalar"):
+        want = [float((mpmath.exp(-v) * (1 + v) - 1) / v**2) if v else -0.5 for v in exact]
+        np.testing.assert_allclose(slope(stable.mean_decay, kind, x), want, rtol=8 * EPS[kind])
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_decay(kind: str) -> None:
+    """``exp(-x)``, and 0 in value and derivative where that is nothing, to infinity."""
+    x = single([0.0, 1e-3, 1.0, 50.0, 1e4, 1e30, np.inf])
+    got, by = call(stable.decay, VECTORS[kind], x), slope(stable.decay, kind, x)
+    np.testing.assert_allclose(got, np.exp(-x), rtol=4 * EPS[kind])
+    np.testing.assert_array_equal(by, -got)
+
+
+@vectors
+def test_cube_remainder_of_sine(kind: str) -> None:
+    """On both sides of where the series ends, and 1/6 at 0."""
+    x = single([0.0, 1e-15, 1e-6, 1e-2, 0.5, 0.999, 1.0, 1.001, 2.0, np.pi, 6.0, -0.3, -3.0])
+    want = [float((mpf(v) - mpmath.sin(mpf(v))) / mpf(v) ** 3) if v else 1 / 6 for v in x]
+    got = call(lambda v: stable.cube_remainder_of_sine(v), VECTORS[kind], x)
+    np.testing.assert_allclose(got, want, rtol=8 * EPS[precision(kind)])
 
 
 @pytest.mark.parametrize("kind", ["float32", "float64"])

@@ -14,7 +14,7 @@ from mpmath import mpf
 from brdf import fresnel, geometry, microfacet
 from brdf.stable import expm1
 from tests.brdf.arrays import EPS, VECTORS, call, error, precision, single, to_numpy
-from tests.oracles import directions, textbook
+from tests.oracles import directions, optics, textbook
 
 ROUGHNESS = (1e-3, 0.01, 0.1, 0.3, 1.0)
 NAMES = tuple(microfacet.DISTRIBUTIONS)
@@ -82,8 +82,8 @@ def test_d_of_two_roughnesses(kind: str, name: str, pairs: Any) -> None:
     dr.backward(dr.sum(d_uv(name)(vector(*wi.T), vector(*wo.T), *at)))
     for i, (got, scale) in enumerate(zip(at, (u, v), strict=True)):
         slope = [
-            float(mpmath.diff(lambda x, q=q, a=a, b=b: oracle(half(q), *((x, b) if i == 0 else (a, x))), (a, b)[i]))
-            for q, a, b in zip(p, (mpf(x) for x in u), (mpf(x) for x in v), strict=True)
+            float(mpmath.diff(lambda *x, q=q: oracle(half(q), *x), (mpf(a), mpf(b)), (1 - i, i)))
+            for q, a, b in zip(p, u, v, strict=True)
         ]
         floor = 2 * np.maximum(want, 1e-6 * peak) / scale
         off = np.abs(to_numpy(got.grad) - slope) / np.maximum(np.abs(slope), floor)
@@ -186,7 +186,9 @@ def test_weak_white_furnace(name: str, two: tuple[float, float]) -> None:
 def test_tangents(kind: str, m: float, name: str) -> None:
     """The closed-form inverse of the cumulative distribution, from the first normals to the last."""
     number = dr.value_t(VECTORS[kind])
-    u = single(np.concatenate([(np.arange(512) + 0.5) / 512, 2.0 ** -np.arange(12.0, 25), 1 - 2.0 ** -np.arange(10, 24)]))
+    u = single(
+        np.concatenate([(np.arange(512) + 0.5) / 512, 2.0 ** -np.arange(12.0, 25), 1 - 2.0 ** -np.arange(10, 24)])
+    )
     got = to_numpy(microfacet.DISTRIBUTIONS[name].tangent(number(u), number(m)))
     r = float(np.float32(m)) if kind == "float32" else m
     want = {
@@ -266,7 +268,7 @@ def test_conductor(kind: str) -> None:
     c, s2, eta, k = metals()
     s2 = single(s2) if precision(kind) == "float32" else s2
     exact = zip(c, eta, k, strict=True)
-    want = np.array([float(textbook.fresnel_conductor(*(mpf(x) for x in row))) for row in exact])
+    want = np.array([float(optics.fresnel_conductor(*(mpf(x) for x in row))) for row in exact])
     got = call(fresnel.fresnel_conductor, VECTORS[kind], c, s2, eta, k)
     # eta = 1, k = 0 reflects nothing: c^2 and s2 as given do not add up to 1 to the last bit
     assert (np.abs(got - want) <= tolerance(kind, 1.5e-6, 3e-15) * want + 1e-30).all()
@@ -284,12 +286,12 @@ def test_conductor_gradient(kind: str) -> None:
     dr.enable_grad(*at)
     dr.backward(dr.sum(fresnel.fresnel_conductor(number(c), number(s2), *at)))
     rows = [tuple(mpf(x) for x in row) for row in zip(c, eta, k, strict=True)]
-    by_eta = [mpmath.diff(lambda x, r=r: textbook.fresnel_conductor(r[0], x, r[2]), r[1]) for r in rows]
+    by_eta = [mpmath.diff(lambda x, r=r: optics.fresnel_conductor(r[0], x, r[2]), r[1]) for r in rows]
     by_k = [  # from above at k = 0
-        mpmath.diff(lambda x, r=r: textbook.fresnel_conductor(r[0], r[1], x), r[2], direction=0 if r[2] else 1)
+        mpmath.diff(lambda x, r=r: optics.fresnel_conductor(r[0], r[1], x), r[2], direction=0 if r[2] else 1)
         for r in rows
     ]
-    absorbed = np.array([float(1 - textbook.fresnel_conductor(*r)) for r in rows])
+    absorbed = np.array([float(1 - optics.fresnel_conductor(*r)) for r in rows])
     for got, want, x in ((at[0].grad, by_eta, eta), (at[1].grad, by_k, k)):
         scale = np.abs(np.array(want, dtype=float)) + np.minimum(absorbed, 1 - absorbed) / np.maximum(x, 1e-3)
         off = np.abs(to_numpy(got) - np.array(want, dtype=float)) / np.maximum(scale, 1e-20)

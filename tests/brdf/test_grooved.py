@@ -16,7 +16,7 @@ from tests.oracles import directions, grooves
 WIDE = ("float32", "float64")
 #: Kernels with reverse-mode differentiation of the directions take seconds to compile in float64.
 WIDE_SLOW = ("float32", pytest.param("float64", marks=pytest.mark.slow))
-NUMBERS = ("exponent", "spacing", "height")
+NUMBERS: tuple[str, ...] = ("exponent", "spacing", "height")
 #: Touching half cylinders; a little apart; sunk in the floor; far apart; shallow.
 ROWS = ((2.0, 0.0), (2.5, 0.3), (3.0, 0.9), (8.0, 0.1), (20.0, 0.99))
 EXPONENTS = (1.0, 2.0, 3.5, 30.0, 400.0, 1e4)

@@ -128,6 +128,16 @@ def test_gradient_of_refraction(kind: str, component: int) -> None:
 
 
 @wide
+def test_refraction_at_grazing(kind: str) -> None:
+    """The cosine keeps its digits where the sine, rounded, does not have them: ``cos_t^2 = (eta^2 - 1 + cos^2) / eta^2``."""
+    w = single([directions.unit(c, 0.0) for c in (1e-1, 1e-2, 1e-3, 1e-4)])
+    for eta in single([1 + 2.0**-20, 1.000277, 1.5]):
+        z = call(lambda v, n: geometry.refract(v, n)[0].z, VECTORS[kind], w, np.full(len(w), eta))
+        want = [float(mpmath.sqrt((mpf(eta) ** 2 - 1 + mpf(c) ** 2) / mpf(eta) ** 2)) for c in w[:, 2]]
+        np.testing.assert_allclose(-z, want, rtol=4 * EPS[kind])
+
+
+@wide
 def test_total_internal_reflection_is_harmless(kind: str) -> None:
     vector = VECTORS[kind]
     w = np.array([directions.unit(c, 1.0) for c in (1e-12, 1e-3, 0.5)])

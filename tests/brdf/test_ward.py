@@ -132,8 +132,7 @@ def test_declared_excess(variant: str, mu: float, reason: str) -> None:
 @pytest.mark.parametrize("alpha", [0.02, 0.15, 0.5])
 @pytest.mark.parametrize("mu", [1.0, 0.7, 0.1, 0.01])
 def test_weights(mu: float, alpha: float, variant: str) -> None:
-    """Bounded as the model says, and steadier than the cosine's, and than half vectors taken blindly: those weigh up to
-    2 for ``balanced``."""
+    """Bounded as the model says, and steadier than the cosine's where the lobe is sharp."""
     vector = VECTORS["float64"]
     p = lobes.white(vector, alpha_u=vector(alpha).x, alpha_v=vector(alpha).x)
     own, plain = lobes.sampling(Ward(variant=variant), p, mu)

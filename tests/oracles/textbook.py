@@ -110,15 +110,6 @@ def roughness_towards(w: Vector, u: Any, v: Any) -> Any:
     return mpmath.sqrt((u * mpmath.cos(phi)) ** 2 + (v * mpmath.sin(phi)) ** 2)
 
 
-def fresnel_conductor(c: Any, eta: Any, k: Any) -> Any:
-    """The dielectric's two amplitudes with a complex index."""
-    n = mpmath.mpc(eta, k)
-    cos_t = mpmath.sqrt(1 - (1 - c**2) / n**2)
-    s = (c - n * cos_t) / (c + n * cos_t)
-    p = (n * c - cos_t) / (n * c + cos_t)
-    return (abs(s) ** 2 + abs(p) ** 2) / 2
-
-
 def fresnel_dielectric(c: Any, eta: Any) -> Any:
     """Snell's law and the two amplitudes."""
     sin_t = mpmath.sqrt(1 - c**2) / eta

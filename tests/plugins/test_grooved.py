@@ -87,8 +87,9 @@ def test_the_traced_row_in_detail(row: tuple[float, float]) -> None:
     wi, wo = pairs(240, 3, 0.02)
     z, model = scores(row, wi, wo, (*EXPONENTS, 1000.0), 1500, 4)
     assert np.abs(z).max() < 5.5
-    for lobe, value in zip(z, model, strict=True):
-        assert 0.75 < np.sqrt(np.mean(lobe[value > 1e-3] ** 2)) < 1.25
+    for exponent, lobe, value in zip((0.0, *EXPONENTS, 1000.0), z, model, strict=True):
+        # In a sharp lobe the allowance for rounding is larger than the standard error.
+        assert 0.75 * (exponent < 50) < np.sqrt(np.mean(lobe[value > 1e-3] ** 2)) < 1.25
 
 
 @pytest.mark.parametrize("name", ["spacing", "height"])
@@ -99,10 +100,9 @@ def test_derivatives_of_the_traced_row(exponent: float | None, name: str) -> Non
     step = 0.01
     wi, wo = pairs(30, 5)
     lobe = 0 if exponent is None else 1
-    low, high = (
-        traced(wi, wo, *{**row, name: row[name] + s}.values(), () if exponent is None else (exponent,), 2048, 6)[lobe]
-        for s in (-step, step)
-    )
+    exponents = () if exponent is None else (exponent,)
+    moved = [{**row, name: row[name] + s} for s in (-step, step)]
+    low, high = (traced(wi, wo, r["spacing"], r["height"], exponents, 2048, 6)[lobe] for r in moved)
     mean, error = mean_and_error((high - low) / (2 * step))
     bsdf = material(exponent, **row)
     params = mi.traverse(bsdf)
@@ -113,7 +113,7 @@ def test_derivatives_of_the_traced_row(exponent: float | None, name: str) -> Non
     dr.forward(params[key])
     slope = np.asarray(dr.grad(value))
     # Where the edge of a shadow passes from the floor to a cylinder there is a kink, and a difference is of both sides.
-    sides = [np.asarray(f(material(exponent, **{**row, name: row[name] + s}), wi, wo)) for s in (-step, step)]
+    sides = [np.asarray(f(material(exponent, **r), wi, wo)) for r in moved]
     bend = np.abs(sides[0] + sides[1] - 2 * np.asarray(value)) / (2 * step)
     scale = np.sqrt(error**2 + bend**2 + 1e-9**2)
     off = np.abs(slope - mean) / scale

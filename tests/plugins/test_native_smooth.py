@@ -137,6 +137,7 @@ def test_xml(variant: str) -> None:
             assert "int_ior" not in params and "ext_ior" not in params
 
 
+NEITHER = "is neither a number above 0 nor a medium that Mitsuba knows: air, water, bk7, ... A texture goes on eta."
 TWICE = "are both given. They say the same: leave one out."
 ERRORS = [
     (
@@ -152,7 +153,15 @@ ERRORS = [
     (
         "glass",
         '<string name="int_ior" value="jelly"/>',
-        "glass: int_ior = 'jelly' is neither a number nor a medium that Mitsuba knows: air, water, bk7, ...",
+        f"glass: int_ior = 'jelly' {NEITHER}",
+    ),
+    ("glass", '<float name="ext_ior" value="0"/>', f"glass: ext_ior = 0.0 {NEITHER}"),
+    ("glass", '<boolean name="int_ior" value="true"/>', f"glass: int_ior = True {NEITHER}"),
+    ("glass", '<texture name="int_ior" type="checkerboard"/>', f"glass: int_ior = Texture {NEITHER}"),
+    (
+        "metal",
+        '<texture name="material" type="checkerboard"/>',
+        "metal: material = Texture is no metal that Mitsuba has measured: Ag, Al, Au, Cr, Cu, W, ...",
     ),
     (
         "metal",
