@@ -10,14 +10,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from brdf import Model, UsageError
-from brdf.checks import ModelSubject, Result, Subject
+from brdf.checks import CHECKS, ModelSubject, Result, Subject
 from plugins import checks, named, registered
 from plugins.adapter import choose
-from plugins.checks.gather import from_dict
+from plugins.checks.gather import RENDERS, from_dict
 from plugins.checks.subject import BsdfSubject
 from plugins.scene import Scene, find, load
 
@@ -64,6 +65,17 @@ class Asked:
             return checks.check(self.described, **options)
         return checks.check_scene(self.scene, self.name, **options, **self.defaults)
 
+    def steps(self, only: Collection[str] | None) -> list[list[str]]:
+        """The checks in the portions in which they are made, so that an interruption loses little.
+
+        Those that render go together, at the same time; of a scene all, so that it is loaded once.
+        """
+        wanted = [name for name in CHECKS if only is None or name in only]
+        if self.scene is not None:
+            return [wanted]
+        rendered = [name for name in wanted if name in RENDERS]
+        return [[name] for name in wanted if name not in RENDERS] + ([rendered] if rendered else [])
+
     def subject(self) -> Subject:
         """The BSDF at the values asked for, the defaults for the rest."""
         if self.scene is not None:
@@ -83,7 +95,7 @@ class Checked:
     portraits : dict of Portrait
         For the plots, if they were wanted.
     complete : bool
-        False after an interruption.
+        False after an interruption: the last one may then lack some checks.
     seconds : float
     """
 
@@ -108,6 +120,12 @@ class Checked:
     def count(self) -> Counter[str]:
         """How many results there are of each `kind`."""
         return Counter(kind(result) for _, result in self.each())
+
+    def interruption(self) -> str:
+        """How far it came, in words; empty if to the end."""
+        if self.complete:
+            return ""
+        return f"Interrupted at {len(self.results)} of {counted(len(self.asked), 'BSDF')}."
 
     def sentence(self) -> str:
         """The same in words."""
@@ -197,7 +215,7 @@ def run(
     progress: Progress | None = None,
     modules: Sequence[str] = (),
 ) -> Checked:
-    """Check one after the other. An interruption ends it early and loses what is done at no time.
+    """Check one after the other. An interruption ends it early; what was found stays.
 
     Parameters
     ----------
@@ -213,20 +231,37 @@ def run(
     checked, began = Checked(asked), time.monotonic()
     try:
         for done, one in enumerate(asked):
-
-            def tell(check: str, step: int, steps: int, done: int = done, one: Asked = one) -> None:
-                if progress:
-                    progress(done, one.name, check, step / max(steps, 1))
-
-            found = one.check(only=only, progress=tell, seed=seed, setup=tuple(modules))
+            found = checked.results.setdefault(one.name, {})
+            check_one(one, found, only, seed, modules, partial(progress, done, one.name) if progress else None)
+            checked.results[one.name] = {name: found[name] for name in CHECKS if name in found}
             if portraits:
                 checked.portraits[one.name] = portrait(one.subject(), seed)
-            checked.results[one.name] = {name: repeatable(result, one, seed) for name, result in found.items()}
         checked.complete = True
     except KeyboardInterrupt:
-        pass
+        checked.results = {name: found for name, found in checked.results.items() if found}
     checked.seconds = time.monotonic() - began
     return checked
+
+
+def check_one(
+    asked: Asked,
+    found: dict[str, Result],
+    only: Collection[str] | None,
+    seed: int,
+    modules: Sequence[str],
+    progress: Callable[[str, float], None] | None,
+) -> None:
+    """Put the results of one BSDF into `found`, as they come."""
+    steps = asked.steps(only)
+    total = sum(map(len, steps))
+
+    def tell(check: str, done: int, _: int) -> None:
+        if progress:
+            progress(check, (len(found) + done) / total)
+
+    for names in steps:
+        results = asked.check(only=names, progress=tell, seed=seed, setup=tuple(modules))
+        found.update({name: repeatable(result, asked, seed) for name, result in results.items()})
 
 
 def repeatable(result: Result, asked: Asked, seed: int) -> Result:

@@ -53,7 +53,7 @@ def show(checked: Checked) -> None:
     failures(console, "Failed as declared", checked.declared(), checked, brief=compact)
     failures(console, "Unexpected", unexpected, checked, brief=False)
     if not checked.complete:
-        say(console, f"Interrupted: {len(checked.results)} of {len(checked.asked)} were finished.")
+        say(console, checked.interruption())
     say(console, checked.sentence())
 
 

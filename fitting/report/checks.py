@@ -134,7 +134,7 @@ def verdict(checked: Checked) -> str:
         more = f", and {len(names) - MOST} more" if len(names) > MOST else ""
         said = f"Not as declared: {', '.join(names[:MOST])}{more}."
     if not checked.complete:
-        said = f"Interrupted: {len(checked.results)} of {counted(len(checked.asked), 'BSDF')} were finished. {said}"
+        said = f"{checked.interruption()} {said}"
     return said
 
 

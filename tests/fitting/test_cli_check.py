@@ -350,21 +350,24 @@ def test_an_interruption_keeps_what_was_found(
     def interrupted(self: Asked, **options: Any) -> Any:
         nonlocal count
         count += 1
-        if count == 3:
+        if count == 4:
             signal.raise_signal(signal.SIGINT)
         return true(self, **options)
 
     monkeypatch.setattr(Asked, "check", interrupted)
-    code, out, err = run("toy --only peak --out out" + " --json" * as_json, capfd)
+    code, out, err = run("toy --only reciprocity --only peak --out out" + " --json" * as_json, capfd)
     assert (code, err) == (130, "brdf: interrupted\n")
     if as_json:
         assert out == ""
     else:
-        assert "Interrupted: 2 of 4 were finished.\n" in out
+        assert "Interrupted at 2 of 4 BSDFs.\n" in out
     saved = strict((tmp_path / "out/checks.json").read_text())
     assert saved["complete"] is False
-    assert list(saved["results"]) == ["toy", "toy[kind=slanted]"]
-    assert "Interrupted: 2 of 4 BSDFs were finished." in Reader((tmp_path / "out/report.html").read_text()).text
+    assert {name: list(results) for name, results in saved["results"].items()} == {
+        "toy": ["reciprocity", "peak"],
+        "toy[kind=slanted]": ["reciprocity"],
+    }
+    assert "Interrupted at 2 of 4 BSDFs." in Reader((tmp_path / "out/report.html").read_text()).text
 
 
 def test_progress_is_told_before_each_check() -> None:
