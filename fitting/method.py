@@ -22,7 +22,8 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
     """None if direct light from points and directions is all there is; else what stands against it.
 
     It is if every light is a point or a direction, no light goes straight through a surface, and either the scene's
-    integrator stops at direct light or the scene is one opaque convex body seen from outside.
+    integrator stops at direct light or the scene is one opaque convex body seen from outside. Or if the scene is one
+    flat sheet: whatever goes through that meets nothing.
     """
     for emitter in scene.emitters():
         flags = mi.EmitterFlags
@@ -33,15 +34,18 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
         if not (point or direction):
             return f"there is a light that is neither a point nor a direction ({emitter.class_name()})"
     surfaces = [(shape, shape.bsdf().flags()) for shape in scene.shapes()]
+    kind = kind_of(scene.integrator())
+    followed = kind == "direct" or (("path" in kind or "prb" in kind) and "vol" not in kind)
+    flat = len(surfaces) == 1 and surfaces[0][0].class_name() in ("Disk", "Rectangle")
+    if flat and followed and not surfaces[0][0].is_medium_transition():
+        return None
     if any(shape.is_medium_transition() or mi.has_flag(f, mi.BSDFFlags.Null) for shape, f in surfaces):
         return "light goes straight through a surface (a mask, a thin sheet, or a medium behind it)"
-    integrator = scene.integrator()
-    kind = kind_of(integrator)
     if kind == "direct":
         return None
-    if not ("path" in kind or "prb" in kind) or "vol" in kind:
+    if not followed:
         return f"the scene's integrator is {kind}"
-    depth = depth_of(integrator)
+    depth = depth_of(scene.integrator())
     if depth is not None and depth <= DIRECT:
         return None
     opaque = not any(mi.has_flag(f, mi.BSDFFlags.Transmission) for _, f in surfaces)

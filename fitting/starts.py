@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 #: Points along a logarithmic parameter, and along any other.
 LOG_POINTS, OTHER_POINTS = 12, 5
 #: Beyond this many points the grid becomes a Sobol sequence of this length.
-MOST_POINTS = 256
+MOST_POINTS = 800
 #: A logarithmic grid spans this factor below and above the default; ``eta - 1`` this range.
 LOG_SPAN, ABOVE_ONE = 40.0, (0.05, 2.0)
 #: A scan along one colour has so many times the points of the grid, and looks into so many of the valleys.

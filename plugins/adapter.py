@@ -22,7 +22,8 @@ FLAGS = {
     Lobe.DIFFUSE_TRANSMISSION: "DiffuseTransmission",
     Lobe.GLOSSY_TRANSMISSION: "GlossyTransmission",
     Lobe.REFRACTION: "DeltaTransmission",
-    Lobe.STRAIGHT: "Null",
+    # Not Null: where that is sampled and no environment is behind, `path` drops what the other lobes sent as well.
+    Lobe.STRAIGHT: "DeltaTransmission",
 }
 #: The largest float32 below 1: a random number stays inside [0, 1).
 BELOW_ONE = 1 - 2.0**-24

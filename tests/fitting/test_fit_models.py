@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from brdf import Model, Param, builtin
+from brdf import Lobe, Model, Param, builtin
 from fitting import images
 from tests.fitting import studio
 from tests.fitting.command import run
@@ -85,14 +85,29 @@ def sky(folder: Path) -> str:
     return '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
 
 
-def needs_surroundings(model: type[Model]) -> bool:
-    """Whether a point light cannot show it, or shines through it."""
-    return any(lobe.ideal or lobe.transmits for lobe in model.lobes)
+#: What shows nothing but its surroundings.
+REFLECTED = (Lobe.MIRROR, Lobe.REFRACTION)
+#: A sheet, and lamps before and behind it.
+SHEET = """<shape type="rectangle"><transform name="to_world"><scale value="1.2"/><rotate y="1" angle="25"/></transform>
+  <ref id="ball"/></shape>"""
+LAMPS = tuple(
+    f'<emitter type="point"><point name="position" x="{x}" y="{y}" z="{z}"/><rgb name="intensity" value="{i}"/></emitter>'
+    for x, y, z, i in ((-1.2, 0.8, 1.6, 12), (0.9, -0.7, -1.1, 9))
+)
+
+
+def stage(model: type[Model], folder: Path) -> tuple[str, ...]:
+    """What shows a model: something to mirror, light from behind as well, or two lamps."""
+    if any(lobe in REFLECTED for lobe in model.lobes):
+        return (studio.SPHERE, studio.camera(32), sky(folder))
+    if any(lobe.transmits for lobe in model.lobes):
+        return (SHEET, studio.camera(64), *LAMPS)
+    return (studio.SPHERE, studio.camera(64), studio.KEY, studio.RIM)
 
 
 def quick(name: str, model: type[Model]) -> Any:
     """Fits through an integrator take longer."""
-    return pytest.param(name, marks=[pytest.mark.slow] if needs_surroundings(model) else [])
+    return pytest.param(name, marks=[pytest.mark.slow] if any(lobe in REFLECTED for lobe in model.lobes) else [])
 
 
 @pytest.mark.parametrize("name", [quick(name, model) for name, model in builtin().items()])
@@ -108,11 +123,8 @@ def test_recovered(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str])
     left |= KNOWN.get(name, {})
     wanted = [p.name for p in model.parameters() if p.name not in left]
     given = {p.name: p.default for p in model.parameters() if p.name in wanted}
-    around = needs_surroundings(type(model))
-    lights = [sky(tmp_path)] if around else [studio.KEY, studio.RIM]
     integrator = '<integrator type="path"><integer name="max_depth" value="8"/></integrator>'
-    size = 32 if around else 64
-    parts = (studio.SPHERE, studio.camera(size), *lights)
+    parts = stage(type(model), tmp_path)
     for file, values in (("true", true), ("scene", {**true, **given})):
         text = studio.text(material(model, values), *parts, integrator=integrator).replace(studio.NAMES, "")
         (tmp_path / f"{file}.xml").write_text(text)

@@ -66,7 +66,7 @@ def test_flags() -> None:
     flags = mi.BSDFFlags
     sides = flags.FrontSide | flags.BackSide
     bsdf = mi.load_dict({"type": "hanrahankrueger"})
-    want = [flags.DiffuseReflection, flags.DiffuseTransmission, flags.Null]
+    want = [flags.DiffuseReflection, flags.DiffuseTransmission, flags.DeltaTransmission]
     assert [bsdf.flags(i) for i in range(bsdf.component_count())] == [int(f | sides) for f in want]
 
 
@@ -191,3 +191,21 @@ def test_xml_and_its_errors() -> None:
     ):
         with pytest.raises((UsageError, RuntimeError), match=message):
             mi.load_dict({"type": "hanrahankrueger", **wrong})
+
+
+def test_straight_light_leaves_the_rest_in_a_picture() -> None:
+    """A sheet under a lamp with nothing behind it: `path` shows what `direct` does. It drops a sample that went on as
+    Null and met nothing, with all that the lamp had sent to it."""
+    to = mi.ScalarTransform4f
+    view = to().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
+    scene = mi.load_dict({
+        "type": "scene",
+        "sheet": {"type": "rectangle", "bsdf": {"type": "hanrahankrueger"}},
+        "lamp": {"type": "point", "position": [0.5, 0.3, 2], "intensity": 5.0},
+        "camera": {"type": "perspective", "fov": 20, "to_world": view, "film": {"type": "hdrfilm", "width": 8, "height": 8}},
+    })  # fmt: skip
+    path, direct = (
+        np.array(mi.render(scene, spp=64, integrator=mi.load_dict({"type": name}))).mean()
+        for name in ("path", "direct")
+    )
+    assert path == pytest.approx(direct, rel=1e-3)
