@@ -24,7 +24,7 @@ VASES, VASES_SPP = (880, 520), 512
 #: Balls in a row.
 COLUMNS = 7
 #: Dots an inch: fewer than for drawings, since photographs do not compress.
-DOTS = 100
+DOTS = 88
 
 COPPER = {"type": "rgb", "value": [0.62, 0.27, 0.11]}
 RED = {"type": "rgb", "value": [0.45, 0.06, 0.04]}
