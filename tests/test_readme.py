@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from brdf import builtin
+from brdf.checks import CHECKS
 from fitting.cli import app
 from plugins import peers
 
@@ -63,8 +64,8 @@ def value(folder: Path, name: str) -> float:
     return json.loads((folder / "fit.json").read_text())["parameters"][name]["value"]
 
 
-MAKE, PAINT, MOON = blocks("sh")
-USE, MODEL, REGISTER = blocks("python")
+MAKE, PAINT, MOON, CHECK = blocks("sh")
+USE, MODEL, REGISTER, TESTED = blocks("python")
 SCENE, DUST, VASES = blocks("xml")
 
 
@@ -159,6 +160,24 @@ def test_the_model_in_an_installed_package(tmp_path: Path) -> None:
     assert 'type="lommelseeliger"' in (tmp_path / "out/moon/material.xml").read_text()
 
 
+def test_check_a_bsdf(tmp_path: Path) -> None:
+    """Each line ends as declared; the checks are those there are."""
+    (tmp_path / "paint.xml").write_text(SCENE)
+    said = shell(CHECK, tmp_path)
+    assert said.count(" 0 unexpected") == 3
+    assert '"finite": {' in said
+    assert {path.name for path in (tmp_path / "out/phong").iterdir()} >= {"report.html", "checks.json", "phong.png"}
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|", section("Check a BSDF"), re.MULTILINE)
+    assert [name.strip("`") for row in rows for name in row.split(", ")] == list(CHECKS)
+
+
+def test_checks_from_python(tmp_path: Path) -> None:
+    (tmp_path / "test_mine.py").write_text(TESTED)
+    assert python(TESTED, tmp_path).startswith("failed")
+    said = run([sys.executable, "-m", "pytest", "-q", "-k", "reciprocity or energy", "test_mine.py"], tmp_path)
+    assert "2 passed" in said
+
+
 def test_the_vases(tmp_path: Path) -> None:
     """Left and right of the block are a material each, and load."""
     halves = zip(*((line[:56].rstrip(), line[56:]) for line in VASES.splitlines()), strict=True)
@@ -220,7 +239,7 @@ def test_pictures() -> None:
 
 def test_the_order_of_imports_that_is_shown() -> None:
     """In what the README shows, mitsuba comes after ours."""
-    for block in (USE, REGISTER):
-        ours, theirs = block.find("import fitting"), block.find("import mitsuba")
+    for block in (USE, REGISTER, TESTED):
+        ours, theirs = re.search(r"import (fitting|plugins)", block).start(), block.find("import mitsuba")  # type: ignore[union-attr]
         assert ours >= 0
         assert theirs == -1 or theirs > ours
