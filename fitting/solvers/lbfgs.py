@@ -40,7 +40,7 @@ def solve(problem: Problem, start: Array, max_iterations: int, progress: Progres
         callback=after,
         options={"maxiter": max_iterations, "ftol": 1e-12, "gtol": 1e-12},
     )
-    # Where the loss is float32's noise, which differs from run to run, a line search may find no lower point. Whether it
-    # is the answer is asked afterwards, by how far a Gauss-Newton step would go.
+    # Where the loss is float32's noise, which differs from run to run, a line search may find no lower point. Whether
+    # that is the answer is asked afterwards, by how far a Gauss-Newton step would go.
     ended = bool(out.success) or out.status == ABNORMAL
     return Result(np.asarray(out.x), int(out.nit), ended, f"L-BFGS-B: {out.message}")
