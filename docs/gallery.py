@@ -43,10 +43,10 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "glazed": {"diffuse_reflectance": BLUE, "eta": 1.5},
     "grooved": {"reflectance": {"type": "rgb", "value": [0.5, 0.42, 0.3]}, "spacing": 2.2, "specular_reflectance": 0.3},
     "hanrahankrueger": {
-        "sigma_s": {"type": "rgb", "value": [1.2, 1.6, 1.0]},
-        "sigma_a": {"type": "rgb", "value": [0.5, 0.1, 0.6]},
-        "thickness": 0.6,
-        "g": 0.3,
+        "sigma_s": {"type": "rgb", "value": [1.6, 3.2, 0.9]},
+        "sigma_a": {"type": "rgb", "value": [0.25, 0.02, 0.5]},
+        "thickness": 1.0,
+        "g": 0.0,
     },
     "kajiyakay": {
         "diffuse_reflectance": {"type": "rgb", "value": [0.16, 0.07, 0.03]},

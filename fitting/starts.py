@@ -14,6 +14,7 @@ from scipy.stats import qmc
 from brdf import Param
 
 from .problem import Problem
+from .solvers import lm
 
 Array = npt.NDArray[np.float64]
 
@@ -23,6 +24,8 @@ LOG_POINTS, OTHER_POINTS = 12, 5
 MOST_POINTS = 800
 #: A logarithmic grid spans this factor below and above the default; ``eta - 1`` this range.
 LOG_SPAN, ABOVE_ONE = 40.0, (0.05, 2.0)
+#: With such a colour, so many of the best points are gone on from, by so many steps of the solver, before one is taken.
+SEVERAL, BRIEF = 3, 8
 #: A scan along one colour has so many times the points of the grid, and looks into so many of the valleys.
 FINER, VALLEYS = 4, 3
 #: Ends of the names of a colour's components.
@@ -80,10 +83,17 @@ def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Calla
             solved = np.where((channel >= 0) & better[channel], solved, old)
             losses = np.minimum(losses, old_losses)
         found[numbers] = losses, solved
-    losses, best = min(found.values(), key=lambda each: float(each[0].sum()))
-    for places, param in axes:
-        if param.kind == "colour":
-            losses, best = scan(problem, best, losses, solvable, places, param, pause)
+    curved = [(places, param) for places, param in axes if param.kind == "colour"]
+    ranked = sorted(found.values(), key=lambda each: float(each[0].sum()))
+    best, least = ranked[0][1], math.inf
+    for losses, values in ranked[: SEVERAL if curved else 1]:
+        for places, param in curved:
+            losses, values = scan(problem, values, losses, solvable, places, param, pause)
+        if curved and len(ranked) > 1:
+            values = parameters.values(lm.solve(problem, parameters.free_of(values), BRIEF, lambda *_: pause()).x)
+            losses = with_colours(problem, values, solvable[:0])[0]
+        if losses.sum() < least:
+            best, least = values, float(losses.sum())
     # At an end of a logit scale the slope vanishes: a colour found to be black starts a little off it.
     ends = np.array([parameters.params[i].bounds for i in solvable]).reshape(-1, 2)
     inset = INSET * (ends[:, 1] - ends[:, 0])

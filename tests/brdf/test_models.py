@@ -162,7 +162,7 @@ def test_choices() -> None:
         CookTorrance(fresnell="exact")
     metal = {p.name: p for p in CookTorrance(fresnel="conductor").parameters()}
     assert list(metal) == ["diffuse_reflectance", "specular_reflectance", "m", "eta", "k"]
-    assert (metal["eta"].kind, metal["eta"].bounds) == ("colour", (1e-3, 20.0))
+    assert (metal["eta"].kind, metal["eta"].bounds) == ("colour", (0.0, 20.0))
     brushed = {p.name: p for p in CookTorrance(roughness="anisotropic", distribution="blinn").parameters()}
     assert list(brushed) == ["diffuse_reflectance", "specular_reflectance", "m_u", "m_v", "eta"]
     assert brushed["m_u"].bounds == (1e-4, 1.0)
