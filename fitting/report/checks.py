@@ -22,7 +22,7 @@ from .portrait import charts
 #: For each kind of outcome its symbol and a word for a small cell.
 SHOWN = {
     "passed": ("✓", "ok"),
-    "not asked": ("·", "not asked"),
+    "not asked": ("·", "n/a"),
     "declared": ("≈", "declared"),
     "failed": ("✗", "failed"),
     "undue": ("!", "no fault"),
