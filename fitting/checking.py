@@ -63,7 +63,7 @@ class Asked:
         """Its results: see `plugins.checks.check`."""
         if self.scene is None:
             return checks.check(self.described, **options)
-        return checks.check_scene(self.scene, self.name, **options, **self.defaults)
+        return checks.check_scene(self.scene, self.name, **options, defaults=self.defaults)
 
     def steps(self, only: Collection[str] | None) -> list[list[str]]:
         """The checks in the portions in which they are made, so that an interruption loses little.

@@ -75,7 +75,7 @@ class Parsed:
         return self.state.nodes[self.names[known(name, self.names, "BSDF")]]
 
 
-def load(path: str | os.PathLike[str], **defaults: object) -> Scene:
+def load(path: str | os.PathLike[str], /, **defaults: object) -> Scene:
     """Load a scene file in the variant now set.
 
     Nothing is merged: two equal BSDFs stay two. Colours given as one number become three that can be told apart, and

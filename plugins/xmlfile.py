@@ -24,6 +24,7 @@ def rewrite(
     path: str | os.PathLike[str],
     out: str | os.PathLike[str],
     values: Mapping[str, Mapping[str, Value]],
+    /,
     **defaults: object,
 ) -> list[Path]:
     """Write the scene file `path` to `out` with new values of some parameters, and nothing else changed.
@@ -93,6 +94,7 @@ def material(
     values: Mapping[str, Value],
     out: str | os.PathLike[str],
     comment: str = "",
+    /,
     **defaults: object,
 ) -> None:
     """Write one BSDF of a scene, with new values, as a file of its own: ``mi.load_file(out)`` is the BSDF.

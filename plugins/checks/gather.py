@@ -111,25 +111,27 @@ def check_scene(
     progress: Progress | None = None,
     seed: int = 0,
     setup: Sequence[str] = (),
-    **defaults: Any,
+    defaults: Mapping[str, Any] | None = None,
 ) -> dict[str, Result]:
     """Ask a BSDF of a scene file everything, by its name: see `plugins.scene.load` and `check`.
+
+    `defaults` are values for ``$name`` in the file.
 
     Raises
     ------
     UsageError, DataError
         As `plugins.scene.load` and `check`.
     """
-    loaded = scenes.load(path, **defaults)
+    loaded = scenes.load(path, **(defaults or {}))
     found = scenes.find(loaded, name)
-    text = alone_as_xml(path, name, **defaults)
+    text = alone_as_xml(path, name, **(defaults or {}))
     line = f"brdf check {os.fspath(path)} --bsdf {name}"
     subject = BsdfSubject(found.bsdf, name, {"type": found.plugin, **found.props}, line)
     source = Source(text, models_known(), tuple(setup), bounds_of(subject))
     return of_bsdf([subject], source, faults_of(found.bsdf), False, selected(only, CHECKS), progress, seed)
 
 
-def alone_as_xml(path: str | os.PathLike[str], name: str, **defaults: Any) -> str:
+def alone_as_xml(path: str | os.PathLike[str], name: str, /, **defaults: Any) -> str:
     """One BSDF of a scene file as XML text that stands alone: the `source` of a live BSDF."""
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "material.xml"

@@ -181,6 +181,19 @@ def test_a_bsdf_of_a_scene(tmp_path: Path) -> None:
     assert found["energy"].case["command"] == f"brdf check {tmp_path / 's.xml'} --bsdf ball"
 
 
+def test_values_of_a_scene_may_be_called_anything(tmp_path: Path) -> None:
+    """As the arguments of the functions they are handed through, for one."""
+    names = {"seed": 0.25, "name": 0.5, "path": 0.125, "only": 0.3, "values": 0.2, "out": 0.1, "comment": 0.4}
+    for name, given in names.items():
+        text = f'<rgb name="reflectance" value="${name}"/>'
+        text = f'<scene version="3.0.0"><bsdf type="lambertian" id="ball">{text}</bsdf></scene>'
+        (tmp_path / "s.xml").write_text(
+            text.replace("</scene>", '<shape type="sphere"><ref id="ball"/></shape></scene>')
+        )
+        found = check_scene(tmp_path / "s.xml", "ball", only=["energy"], defaults={name: given})
+        assert found["energy"].figure == pytest.approx(given, rel=1e-5), name
+
+
 def outsider(tmp_path: Path, body: str) -> str:
     """What pytest says of a test file in somebody else's package."""
     (tmp_path / "test_mine.py").write_text(body)

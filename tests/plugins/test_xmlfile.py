@@ -423,7 +423,7 @@ def test_spectral_preset(tmp_path: Path) -> None:
 def test_material(world: Path, out: str, name: str) -> None:
     target = world / out
     target.parent.mkdir(parents=True, exist_ok=True)
-    xmlfile.material(world / "scene.xml", name, VALUES[name], target, comment="fitted -- on a Monday--")
+    xmlfile.material(world / "scene.xml", name, VALUES[name], target, "fitted -- on a Monday--")
     text = target.read_text()
     kind = "cooktorrance" if name == "paint" else "roughconductor"
     assert f'<bsdf version="3.0.0" type="{kind}" id="{name}">' in text
