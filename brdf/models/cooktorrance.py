@@ -109,7 +109,11 @@ class CookTorrance(Model):
         ),
     )
     lobes = (Lobe.DIFFUSE, Lobe.GLOSSY)
-    trials = ({}, {"m": 0.005, "m_u": 0.005, "m_v": 0.01}, {"m": 1.0, "m_u": 1.0, "m_v": 0.7})
+    trials = (
+        {},
+        {"m": 0.005, "m_u": 0.005, "m_v": 0.01},
+        {"m": 1.0, "m_u": 1.0, "m_v": 0.7, "diffuse_reflectance": 0.5},
+    )
 
     fresnel: str
     masking: str
@@ -126,6 +130,8 @@ class CookTorrance(Model):
         """A parameter as it is under the choices made."""
         if p.name == "eta" and self.fresnel == "conductor":
             return CONDUCTOR_ETA
+        if p.name == "diffuse_reflectance" and self.fresnel == "conductor":
+            return dataclasses.replace(p, default=(0.0, 0.0, 0.0))  # nothing comes back from within a metal
         if p.name in ("m", "m_u", "m_v") and self.distribution == "blinn":
             return dataclasses.replace(p, bounds=(p.bounds[0], BLINN_M_MAX))
         return p

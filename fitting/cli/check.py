@@ -39,7 +39,11 @@ def command(
     ] = False,
     given: Annotated[
         list[str],
-        typer.Option("--set", metavar="PARAM=VALUE", help="Look there alone. A colour is R,G,B; a choice is a word."),
+        typer.Option(
+            "--set",
+            metavar="PARAM=VALUE",
+            help="Look there alone; a choice alone: at all trials of it. A colour is R,G,B.",
+        ),
     ] = [],  # noqa: B006  (typer reads it, nobody changes it)
     bsdf: Annotated[str | None, typer.Option("--bsdf", metavar="ID", help="The BSDF of that id in the scene.")] = None,
     only: Annotated[

@@ -77,14 +77,18 @@ def consequences(model: type[Model]) -> dict[str, dict[str, str]]:
         for option in choice.options:
             other = {p.name: p for p in model(**{choice.name: option}).parameters()}
             names = [*usual, *(n for n in other if n not in usual)]
-            changed = {n: declared(other[n]) if n in other else "none" for n in names if usual.get(n) != other.get(n)}
+            changed = {n: becomes(usual.get(n), other.get(n)) for n in names if usual.get(n) != other.get(n)}
             if changed:
                 found[f"{choice.name} = {option}"] = changed
     return found
 
 
-def declared(p: Param) -> str:
-    """Kind and range in a few words: ``number in [1e-4, 1.5]``."""
+def becomes(usual: Param | None, p: Param | None) -> str:
+    """What a choice makes of a parameter, in a few words: ``number in [1e-4, 1.5]``, ``0 by default``, ``none``."""
+    if p is None:
+        return "none"
+    if usual is not None and (usual.kind, usual.bounds) == (p.kind, p.bounds):
+        return f"{default_text(p)} by default"
     return f"{p.kind} in {p.range_text()}"
 
 
