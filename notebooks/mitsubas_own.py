@@ -97,7 +97,7 @@ for name, results in found.items():
         print(f"{name}, {check_name}: {figure}")
         print(textwrap.indent(textwrap.fill(result.reason, 110), "    "))
         for key, value in result.case.items():
-            if key not in ("parameters",):
+            if key != "parameters":
                 print(f"      {key}: {value}")
         print()
 
@@ -110,6 +110,9 @@ for name, results in found.items():
 #   there is nothing else, and where a diffuse lobe stands beside it, as in `plastic`, the gradient is that of
 #   something else.
 # - **`blendbsdf`** mixes densities of an ideal and a smooth lobe as if they were of one kind.
+# - **`principled`** gives no gradient in `specular`.
+# - **`measured`** is what an instrument saw, interpolated: not reciprocal, and below zero in places.
+# - The rough ones have a density that is not a number exactly in the surface, where a picture rarely looks.
 #
 # A fit with our models of the same surfaces (`glazed`, `cooktorrance`, `metal`) does not meet these, and where one of
 # ours is differentiated wrongly by an integrator, it declares so and `brdf fit` takes differences.

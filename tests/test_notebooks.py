@@ -53,6 +53,20 @@ def test_nothing_is_complained_of(executed: dict[str, list[Any]]) -> None:
         assert said == [], name
 
 
+def test_mitsubas_own(executed: dict[str, list[Any]]) -> None:
+    """The faults that are known are found, each with a command; what is right is not called wrong."""
+    text = printed(executed["mitsubas_own"])
+    found = {name: set(failed.split(", ")) for name, failed in re.findall(r"^(\w+): (.+)$", text, re.MULTILINE)}
+    assert found["diffuse"] == found["dielectric"] == {"all passed"}
+    assert found["roughplastic"] >= {"gradient", "gradient_path", "gradient_prb", "gradient_direct"}
+    assert "gradient_prb" in found["plastic"] and "gradient_prb" in found["conductor"]
+    assert found["blendbsdf"] >= {"gradient_path", "gradient_prb"}
+    assert "measured" not in found or "reciprocity" in found["measured"]
+    assert "command: brdf check roughplastic --set alpha=0.2" in text
+    (table,) = shown(executed["mitsubas_own"], "text/markdown")
+    assert table.count("\n") == 1 + len(found)
+
+
 def test_fit_a_sphere(executed: dict[str, list[Any]]) -> None:
     cells = executed["fit_a_sphere"]
     text = printed(cells)
