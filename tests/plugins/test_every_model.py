@@ -1,5 +1,6 @@
 """Every model of brdf.models as a plugin: it is its formula, in XML as in Python, with textures, in spectral variants,
-and what it samples and its derivatives of pictures are right."""
+and samples as its density says. The other choices, and derivatives of pictures, are asked by ``brdf check --all`` in
+tests/fitting/test_cli_check.py."""
 
 from __future__ import annotations
 
@@ -18,8 +19,7 @@ from brdf.checks import ModelSubject
 from brdf.checks.directions import pairs
 from brdf.checks.values import channels
 from plugins import registry, xmlfile
-from plugins.checks import check
-from plugins.checks.gather import RENDERS, as_dict, of_model, trials
+from plugins.checks.gather import as_dict, of_model, trials
 from plugins.checks.subject import BsdfSubject
 from tests.models import named, variations
 
@@ -159,16 +159,3 @@ def test_spectral_variant(model: Model) -> None:
 def test_samples_are_distributed_as_the_density_says(model: Model) -> None:
     result = of_model(type(model), {}, ["sampling"], None, SEED, ())["sampling"]
     assert result.expected, result
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", variations(), ids=named)
-def test_samples_with_each_choice(model: Model) -> None:
-    assert check(model, only=["sampling"])["sampling"].expected
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", variations(), ids=named)
-def test_derivatives_of_pictures(model: Model) -> None:
-    for name, result in check(model, only=list(RENDERS)).items():
-        assert result.expected, (name, result)
