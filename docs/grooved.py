@@ -25,11 +25,11 @@ from matplotlib.patches import Circle, Rectangle
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
-from pictures import DARKER_TO_BRIGHTER, INK, RULE, SOFT, STYLE, WIDTH, card  # noqa: E402
+from pictures import DARKER_TO_BRIGHTER, INK, RULE, SOFT, STYLE, WIDTH, card  # noqa: E402  (the path first)
 
-from brdf import defaults, evaluate  # noqa: E402
-from brdf.models.grooved import Grooved, reach  # noqa: E402
-from tests.oracles.tracedgrooves import mean_and_error, traced  # noqa: E402
+from brdf import defaults, evaluate  # noqa: E402  (as above)
+from brdf.models.grooved import Grooved, reach  # noqa: E402  (as above)
+from tests.oracles.tracedgrooves import mean_and_error, traced  # noqa: E402  (as above)
 
 Array = npt.NDArray[np.float64]
 
