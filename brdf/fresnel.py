@@ -131,16 +131,16 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     return dr.select(low < 0.5, low, 1 - transmitted)
 
 
-def fresnel_schlick(c: Any, eta: Any) -> Any:
+def fresnel_schlick(c: Any, s2: Any, eta: Any) -> Any:
     """Schlick's approximation ``F0 + (1 - F0)(1 - c)^5`` with ``F0 = ((eta - 1)/(eta + 1))^2``.
 
-    Written as ``(1 - c)^5 + F0 (1 - (1 - c)^5)``, the bracket as ``c`` times a sum of positive terms, so that neither
-    the value nor its derivative in eta cancels at grazing. There is no total internal reflection in it.
+    ``1 - F0`` is a product, and ``1 - c`` is ``s2 / (1 + c)`` where it would cancel. The derivative is that of ``(1 -
+    c)^5 + F0 (1 - (1 - c)^5)``, the bracket as `c` times a sum. There is no total internal reflection in it.
 
     Parameters
     ----------
-    c : float
-        Cosine of the angle of incidence, in [0, 1] [1].
+    c, s2 : float
+        Cosine (>= 0) and squared sine of the angle of incidence [1].
     eta : float
         Relative index of refraction, > 0 [1].
 
@@ -149,18 +149,19 @@ def fresnel_schlick(c: Any, eta: Any) -> Any:
     schlick1994, eq. 15.
     """
     r = amplitude_at_normal(eta)
-    x = 1 - c
+    x = less_cosine(c, s2)
     x2 = x * x
-    return x2 * x2 * x + r * r * less_fifth_power(c)
+    x5 = x2 * x2 * x
+    return with_gradient(r * r + transmittance_at_normal(eta) * x5, x5 + r * r * less_fifth_power(c, x))
 
 
-def transmittance_schlick(c: Any, eta: Any) -> Any:
-    """``1 - fresnel_schlick = (1 - F0) (1 - (1 - c)^5)``, without a difference at grazing.
+def transmittance_schlick(c: Any, s2: Any, eta: Any) -> Any:
+    """``1 - fresnel_schlick = (1 - F0) (1 - (1 - c)^5)``, without a difference at grazing; ``1 - F0`` as a product.
 
     Parameters
     ----------
-    c : float
-        Cosine of the angle of incidence, in [0, 1] [1].
+    c, s2 : float
+        Cosine (>= 0) and squared sine of the angle of incidence [1].
     eta : float
         Relative index of refraction, > 0 [1].
 
@@ -168,8 +169,7 @@ def transmittance_schlick(c: Any, eta: Any) -> Any:
     ----------
     schlick1994, eq. 15.
     """
-    r = amplitude_at_normal(eta)
-    return (1 - r * r) * less_fifth_power(c)
+    return transmittance_at_normal(eta) * less_fifth_power(c, less_cosine(c, s2))
 
 
 def amplitude_at_normal(eta: Any) -> Any:
@@ -178,9 +178,19 @@ def amplitude_at_normal(eta: Any) -> Any:
     return with_gradient((eta - 1) / (eta + 1), -2 / (eta + 1))
 
 
-def less_fifth_power(c: Any) -> Any:
-    """``1 - (1 - c)^5`` as `c` times a sum of positive terms."""
-    x = 1 - c
+def transmittance_at_normal(eta: Any) -> Any:
+    """``4 eta / (1 + eta)^2``, which is ``1 - F0``."""
+    half, r = 2 / (1 + eta), amplitude_at_normal(eta)
+    return with_gradient(eta * half * half, -r * r)
+
+
+def less_cosine(c: Any, s2: Any) -> Any:
+    """``1 - c``: from the sine where that difference cancels, else as it is, which keeps the sine's roundings out."""
+    return dr.select(c < 0.5, 1 - c, s2 / (1 + c))
+
+
+def less_fifth_power(c: Any, x: Any) -> Any:
+    """``1 - (1 - c)^5`` as `c` times a sum of positive terms; ``x = 1 - c``."""
     return c * (1 + x * (1 + x * (1 + x * (1 + x))))
 
 

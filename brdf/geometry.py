@@ -47,6 +47,16 @@ def square(v: Any) -> Any:
     return v.x * v.x + v.y * v.y + v.z * v.z
 
 
+def sine2(w: Any) -> Any:
+    """The squared sine of the angle between `w` and the normal, from its cosine alone: ``(1 - |z|)(1 + |z|)``.
+
+    ``x^2 + y^2`` would be another number for a direction that is rounded, and not go with the cosine: where the two
+    are used in turns, as by Fresnel's formulas, a jump would be left.
+    """
+    z = abs(w.z)
+    return (1 - z) * (1 + z)
+
+
 def reflect(w: Any) -> Any:
     """The mirror image of `w` about the normal."""
     return type(w)(-w.x, -w.y, w.z)

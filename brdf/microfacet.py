@@ -80,8 +80,8 @@ def beckmann_pdf(tan2: Any, m: Any) -> Any:
 def ggx_d_half(tan2: Any, m: Any) -> Any:
     """The square root of pi D of Trowbridge and Reitz's distribution, known as GGX.
 
-    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = (1 + tan^2) / (m + tan^2 / m)``, a quotient of sums. Written so,
-    no derivative on the way is larger than the last.
+    ``D = m^2 / (pi cos^4 (m^2 + tan^2)^2)``, so ``A = 1 / (m cos^2 + sin^2 / m)``, both from the tangent. Written so,
+    nothing on the way, nor in its derivative, is larger than the last.
 
     Parameters
     ----------
@@ -94,7 +94,8 @@ def ggx_d_half(tan2: Any, m: Any) -> Any:
     ----------
     trowbridge1975; walter2007, eq. 33.
     """
-    return (1 + tan2) / (m + tan2 / m)
+    cos2 = 1 / (1 + tan2)
+    return 1 / (m * cos2 + tan2 * cos2 / m)
 
 
 def ggx_tangent(u: Any, m: Any) -> Any:
@@ -228,7 +229,7 @@ def smith_g1(w: Any, m: Any) -> Any:
     smith1967; walter2007, sec. 5.1.
     """
     r = dr.sqrt(dr.maximum(w.x * w.x + w.y * w.y, 1e-30))
-    a = dr.minimum(w.z / (m * r), ERF_CAP[is_double(w.z)])
+    a = w.z / dr.maximum(m * r, w.z / ERF_CAP[is_double(w.z)])  # capped before the division: it would overflow
     e = dr.exp(-a * a) * dr.rsqrt(dr.pi)
     total = 1 + dr.erf(a) + e / a
     # The three terms of d total / d a cancel to one, so it is given in closed form.

@@ -185,7 +185,7 @@ class CookTorrance(Model):
             case "exact":
                 return fresnel.fresnel_dielectric(c, s2, p.eta)
             case "schlick":
-                return fresnel.fresnel_schlick(c, p.eta)
+                return fresnel.fresnel_schlick(c, s2, p.eta)
             case "conductor":
                 return fresnel.fresnel_conductor(c, s2, p.eta, p.k)
             case _:

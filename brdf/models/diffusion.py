@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-from .. import fresnel
+from .. import fresnel, geometry
 from ..model import Lobe, Model, Values
 from ..param import colour, number
 
@@ -49,7 +49,7 @@ class Diffusion(Model):
     trials = ({}, {"sigma_a": 1e-6}, {"sigma_a": 1.0, "g": 0.9}, {"eta": 3.0})
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any]:
-        ti, to = (fresnel.transmittance_dielectric(w.z, w.x * w.x + w.y * w.y, p.eta) for w in (wi, wo))
+        ti, to = (fresnel.transmittance_dielectric(w.z, geometry.sine2(w), p.eta) for w in (wi, wo))
         return (total_reflectance(p) * (ti * to) * dr.inv_pi,)
 
 

@@ -43,7 +43,7 @@ class Glass(Model):
 
     def ideal(self, p: Values, wi: Any, lobe: int) -> Ideal:
         far = far_index(p, wi)
-        c, s2 = abs(wi.z), wi.x * wi.x + wi.y * wi.y
+        c, s2 = abs(wi.z), geometry.sine2(wi)
         if self.lobes[lobe] is Lobe.MIRROR:
             return Ideal(geometry.reflect(wi), p.specular_reflectance * fresnel.fresnel_dielectric(c, s2, far))
         wo, _ = geometry.refract(wi, far)

@@ -73,9 +73,9 @@ class Glazed(Model):
         """F of the coat for one direction."""
         match self.fresnel:
             case "exact":
-                return fresnel.fresnel_dielectric(w.z, w.x * w.x + w.y * w.y, p.eta)
+                return fresnel.fresnel_dielectric(w.z, geometry.sine2(w), p.eta)
             case "schlick":
-                return fresnel.fresnel_schlick(w.z, p.eta)
+                return fresnel.fresnel_schlick(w.z, geometry.sine2(w), p.eta)
             case _:
                 return dr.square(fresnel.amplitude_at_normal(p.eta))
 
@@ -83,11 +83,11 @@ class Glazed(Model):
         """1 - F."""
         match self.fresnel:
             case "exact":
-                return fresnel.transmittance_dielectric(w.z, w.x * w.x + w.y * w.y, p.eta)
+                return fresnel.transmittance_dielectric(w.z, geometry.sine2(w), p.eta)
             case "schlick":
-                return fresnel.transmittance_schlick(w.z, p.eta)
+                return fresnel.transmittance_schlick(w.z, geometry.sine2(w), p.eta)
             case _:
-                return 1 - self.reflectance(p, w)
+                return fresnel.transmittance_at_normal(p.eta)
 
     def mean_reflectance(self, p: Values) -> Any:
         """F of the coat for light from all directions outside."""

@@ -137,7 +137,7 @@ def inside(w: Any, eta: Any) -> Any:
 
 def crossed(w: Any, eta: Any) -> Any:
     """The fraction of the light from `w` that enters through a side, or of that inside which leaves to `w`."""
-    return fresnel.transmittance_dielectric(abs(w.z), w.x * w.x + w.y * w.y, eta)
+    return fresnel.transmittance_dielectric(abs(w.z), geometry.sine2(w), eta)
 
 
 def unscattered(p: Values, wi: Any) -> Any:

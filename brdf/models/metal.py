@@ -41,7 +41,7 @@ class Metal(Model):
     trials = ({}, {"eta": (0.2, 1.5, 4.0), "k": (3.9, 0.1, 0.0)})
 
     def ideal(self, p: Values, wi: Any, lobe: int) -> Ideal:
-        F = fresnel.fresnel_conductor(wi.z, wi.x * wi.x + wi.y * wi.y, p.eta, p.k)
+        F = fresnel.fresnel_conductor(wi.z, geometry.sine2(wi), p.eta, p.k)
         return Ideal(geometry.reflect(wi), p.specular_reflectance * F)
 
     def faults(self) -> dict[str, str]:

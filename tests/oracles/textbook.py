@@ -22,7 +22,7 @@ class Pair:
     """Angles of a pair of directions: ``nh`` cosine of the half vector, ``vh`` cosine between light and facet."""
 
     def __init__(self, wi: Vector, wo: Vector) -> None:
-        i, o = [mpf(float(c)) for c in wi], [mpf(float(c)) for c in wo]
+        i, o = [mpf(c) for c in wi], [mpf(c) for c in wo]
         h = [a + b for a, b in zip(i, o, strict=True)]
         hh = mpmath.fsum(c * c for c in h)
         dd = mpmath.fsum((a - b) ** 2 for a, b in zip(i, o, strict=True))
