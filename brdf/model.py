@@ -129,6 +129,14 @@ class Model:
             return (0.0,) * len(self.lobes)
         raise NotImplementedError(f"{self.name}: f is not written. A model needs at least f.")
 
+    def exact(self, p: Values, wi: Any, wo: Any) -> Any:
+        """The sum of `f` over the smooth lobes once more, plainly, in mpmath: optional, for ``brdf check --hard``.
+
+        `wi` and `wo` are triples, parameters are numbers, those of colours too. Directions are rounded, not quite of
+        unit length: write what `f` does with such ones.
+        """
+        raise NotImplementedError(f"{self.name}: exact is not written.")
+
     def ideal(self, p: Values, wi: Any, lobe: int) -> Ideal:
         """What lobe number `lobe`, an ideal one, does with light from `wi`."""
         raise NotImplementedError(f"{self.name}: ideal is not written. A model with an ideal lobe needs it.")

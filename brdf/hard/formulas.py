@@ -99,18 +99,19 @@ def of_model(model: Model) -> Function:
     return function
 
 
-def model_points(model: Model, draws: Mapping[str, Draw], width: Width) -> Points:
+def model_points(model: Model, draws: Mapping[str, Draw], width: Width | None) -> Points:
     """Directions about the lobe, and parameters: by `draws`, else over their bounds."""
 
     def points(rng: np.random.Generator, n: int) -> Mapping[str, Array]:
         p = {q.name: (draws.get(q.name) or grid.within(q))(rng, n) for q in model.parameters()}
-        return {**directions(*grid.pairs(rng, width(p))), **p}
+        wide = width(p) if width else 10 ** rng.uniform(-6, 0, n)
+        return {**directions(*grid.pairs(rng, wide)), **p}
 
     return points
 
 
-def whole(model: Model, limits: Limits, draws: Mapping[str, Draw], width: Width) -> Formula:
-    """A model under its choices."""
+def whole(model: Model, limits: Limits, draws: Mapping[str, Draw], width: Width | None) -> Formula:
+    """A model under its choices: over the bounds of what `draws` leaves out, half vectors on the scale of `width`."""
     numbers = tuple(q.name for q in model.parameters())
     return Formula(
         name=called(model),

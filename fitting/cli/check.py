@@ -62,6 +62,12 @@ def command(
         list[str],
         typer.Option("--import", metavar="MODULE", help="Import it first: a Python module that registers BSDFs."),
     ] = [],  # noqa: B006
+    hard: Annotated[
+        bool,
+        typer.Option(
+            "--hard", help="Instead: value and derivatives at hard points, against exact answers, in roundings."
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Check BSDFs: reciprocity, energy, sampling, gradients, hostile inputs, where the highlight is.
@@ -73,6 +79,14 @@ def command(
     }
     defaults = once("-D", [pair(d, "-D", "NAME=VALUE") for d in define])
     known(only)
+    if hard:
+        return hard_cases(
+            what,
+            everything,
+            {"--set": given, "--bsdf": bsdf, "--only": only, "--plot": plot, "--out": out, "-D": define},
+            modules,
+            as_json,
+        )
     asked = request(what, everything, settings, bsdf, defaults, modules)
 
     from .. import checking
@@ -105,6 +119,30 @@ def command(
         if written:
             print(f"Look at {', '.join(map(str, written))}.")
     return INTERRUPTED if not checked.complete else 1 if checked.unexpected() else 0
+
+
+def hard_cases(what: str | None, everything: bool, others: Mapping[str, Any], modules: list[str], as_json: bool) -> int:
+    """``--hard``."""
+    for option, is_given in others.items():
+        if is_given:
+            raise UsageError(f"{option} does not go with --hard, which asks a model at points of its own.")
+    if everything == (what is not None):
+        raise UsageError("--hard: name a model, or bricks, or give --all.")
+    llvm.require()
+    import mitsuba as mi
+
+    mi.set_variant(VARIANT)
+    import plugins
+
+    plugins.register()
+    for module in modules:
+        load_module(module)
+    from .. import hard
+    from .check_hard import check_hard
+
+    asked = hard.all_formulas() if what is None else hard.by_name(what)
+    words = ["brdf", "check", what or "--all", "--hard", *(word for m in modules for word in ("--import", m))]
+    return check_hard(asked, as_json, shlex.join(words))
 
 
 def value(text: str) -> Any:

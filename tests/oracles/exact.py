@@ -1,4 +1,4 @@
-"""The formulas of `brdf.hard` as books print them, with derivatives and condition numbers, in 100 digits.
+"""The formulas of `brdf.hard` as books print them, with derivatives and condition numbers, in 120 digits.
 
 No code and no rewriting is shared with brdf: what cancels, the digits absorb. Inputs are float32 numbers, so directions are
 not quite of unit length; what a formula means then is agreed on: cosines are ``wi.z`` and ``wo.z``; of the half vector
@@ -8,23 +8,18 @@ not quite of unit length; what a formula means then is agreed on: cosines are ``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from multiprocessing import Pool
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import mpmath
 import numpy as np
 from mpmath import mp, mpf
 
 from brdf.hard import FORMULAS, Exact, Formula
+from brdf.hard.jet import DIGITS, jet
 from tests.oracles import bricks, microfacets
-
-DIGITS = 120
-#: Step of the differences, relative or, at 0, as it is: what they cut off is beyond float64; what they cancel leaves digits.
-STEP, STEP_AT_ZERO = mpf(2) ** -90, mpf(2) ** -180
-#: A derivative of this size is one of 0: what its step has left.
-NOTHING = mpf(10) ** -45
 
 #: By the name of a formula, functions of its arguments; by the name of a model, of (model, wi, wo, parameters).
 BRICKS: dict[str, bricks.Answer] = bricks.ANSWERS
@@ -48,56 +43,23 @@ def answer(formula: Formula) -> bricks.Answer:
     return bricks.Answer(of(value) or value, *(of(f) for f in others))
 
 
-class Jet(NamedTuple):
-    """What `brdf.hard.Exact` has of one point."""
-
-    value: float
-    value_scale: float
-    slope: list[float]
-    slope_scale: list[float]
-    peak: float
-    kink: float
-
-
-def jet(function: Callable[..., Any], x: Sequence[Any], by: Sequence[int]) -> tuple[Any, Any, list[Any], list[Any]]:
-    """Value, its scale, derivatives by some arguments, and their scales. By forward differences."""
-
-    def at(*steps: int) -> Any:
-        moved = list(x)
-        for i in steps:
-            moved[i] += h[i]
-        return function(*moved)
-
-    h = [abs(v) * STEP if v else STEP_AT_ZERO for v in x]
-    f, n = at(), range(len(x))
-    one = [at(i) for i in n]
-    d = [(one[i] - f) / h[i] for i in n]
-    value_scale = abs(f) + mpmath.fsum(abs(x[i] * d[i]) for i in n)
-    slopes, scales = [], []
-    for p in by:
-        moves = [abs(x[i] * (at(p, i) - one[p] - one[i] + f) / (h[p] * h[i])) for i in n if x[i]]
-        slopes.append(d[p] if x[p] or abs(d[p]) > NOTHING else mpf(0))
-        scales.append(abs(d[p]) + mpmath.fsum(moves) + (abs(f / x[p]) if x[p] else 0))
-    return f, value_scale, slopes, scales
-
-
-def at_point(name: str, column: Any) -> Jet:
+def at_point(name: str, column: Any) -> tuple[Any, ...]:
+    """What `Exact` has of one point."""
     with mp.workdps(DIGITS):
         formula = FORMULAS[name]
         given, x = answer(formula), [mpf(float(v)) for v in column]
-        f, scale, slopes, scales = jet(given.value, x, [formula.inputs.index(p) for p in formula.by])
-        peak = given.peak(*x) if given.peak else abs(f)
+        found = jet(given.value, x, [formula.inputs.index(p) for p in formula.by])
+        peak = given.peak(*x) if given.peak else abs(found.value)
         kink = given.kink(*x) if given.kink else mpmath.inf
-        return Jet(
-            float(f), float(scale), [float(s) for s in slopes], [float(s) for s in scales], float(peak), float(kink)
-        )
+        slopes = ([float(s) for s in column] for column in found[2:])
+        return float(found.value), float(found.value_scale), *slopes, float(peak), float(kink)
 
 
 def exact(formula: Formula, inputs: Any, processes: int = 2) -> Exact:
     """The exact answers of a formula at some points, shape (n_in, n)."""
     with Pool(processes) as pool:
-        jets = pool.starmap(at_point, [(formula.name, column) for column in inputs.T], chunksize=16)
-    columns = [np.array(c) for c in zip(*jets, strict=True)]
+        points = pool.starmap(at_point, [(formula.name, column) for column in inputs.T], chunksize=16)
+    columns = [np.array(c) for c in zip(*points, strict=True)]
     for i in (2, 3):
-        columns[i] = columns[i].reshape(len(jets), len(formula.by)).T
+        columns[i] = columns[i].reshape(len(points), len(formula.by)).T
     return Exact(inputs, *columns)
