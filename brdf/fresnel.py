@@ -42,8 +42,8 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     cook1982, eq. for F; born1999, sec. 1.5.
     """
-    refracts, low, high = two_forms(c, s2, eta)
-    return dr.select(refracts, dr.select(low < 0.5, low, 1 - high), 1)
+    reflects, low, high = two_forms(c, s2, eta)
+    return dr.select(reflects, 1, dr.select(low < 0.5, low, 1 - high))
 
 
 def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
@@ -67,22 +67,25 @@ def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     born1999, sec. 1.5.
     """
-    refracts, low, high = two_forms(c, s2, eta)
-    return dr.select(refracts, dr.select(low < 0.5, 1 - low, high), 0)
+    reflects, low, high = two_forms(c, s2, eta)
+    return dr.select(reflects, 0, dr.select(low < 0.5, 1 - low, high))
 
 
 def two_forms(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
-    """Whether light is refracted, and then ``F``, good where it is small, and ``1 - F``, good where that is small."""
+    """Whether all is reflected, and if not ``F``, good where it is small, and ``1 - F``, good where that is small.
+
+    No comparison holds with NaN, so conditions are written such that NaN goes where it is computed with.
+    """
     k = (eta - 1) * (eta + 1)
     g2 = dr.select(s2 < 0.5, eta * eta - s2, k + c * c)
-    refracts = g2 > 0
-    g = dr.sqrt(dr.select(refracts, g2, 1))
+    reflects = g2 <= 0
+    g = dr.sqrt(dr.select(reflects, 1, g2))
     sum_cg = c + g
     rs = k / (sum_cg * sum_cg)
     cg = c * g
     ratio = (cg - s2) / (cg + s2)
     a, b = 1 / sum_cg, eta / (eta * eta * c + g)  # squared last: the squares of a quotient overflow in a derivative
-    return refracts, rs * rs * (1 + ratio * ratio) * 0.5, 2 * cg * (a * a + b * b)
+    return reflects, rs * rs * (1 + ratio * ratio) * 0.5, 2 * cg * (a * a + b * b)
 
 
 def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
@@ -116,16 +119,17 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     product = eta * k
     modulus = dr.sqrt(t * t + 4 * product * product)
     w2 = 0.5 * (modulus + dr.select(positive, t, -t))
-    w = dr.sqrt(dr.select(w2 > 0, w2, 1))
-    w = dr.select(w2 > 0, w, 0)
-    z = dr.select(w2 > 0, product / dr.select(w2 > 0, w, 1), 0)
+    none = w2 <= 0  # as in `two_forms`, not for NaN
+    w = dr.sqrt(dr.select(none, 1, w2))
+    z = dr.select(none, 0, product / w)
+    w = dr.select(none, 0, w)
     a, b = dr.select(positive, w, z), dr.select(positive, z, w)
     less, more = dr.select(positive, (near + b * b) / (a + c), a - c), a + c
     b2, ac, bc = b * b, a * c, b * c
     bottom = more * more + b2
     minus, plus, bc2 = ac - s2, ac + s2, bc * bc
     bottom_p = plus * plus + bc2
-    bottom_p = dr.select(bottom_p > 0, bottom_p, 1)  # eta = k = 0 at normal incidence
+    bottom_p = dr.select(bottom_p <= 0, 1, bottom_p)  # eta = k = 0 at normal incidence
     low = 0.5 * (less * less + b2) / bottom * (1 + (minus * minus + bc2) / bottom_p)
     transmitted = 2 * ac / bottom * (1 + (a * a + b2 + s2) / bottom_p)
     return dr.select(low < 0.5, low, 1 - transmitted)

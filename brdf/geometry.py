@@ -39,7 +39,8 @@ def half(wi: Any, wo: Any) -> Half:
     h, d = wi + wo, wi - wo
     hh, dd = square(h), square(d)
     total = hh + dd
-    return Half((h.x * h.x + h.y * h.y) / (h.z * h.z), dr.sqrt(hh / total), dd / total, hh, h.z, h.x, h.y)
+    x, y = h.x / h.z, h.y / h.z  # squared last: derivatives of 1 / h.z^2 overflow where both directions graze
+    return Half(x * x + y * y, dr.sqrt(hh / total), dd / total, hh, h.z, h.x, h.y)
 
 
 def square(v: Any) -> Any:

@@ -15,6 +15,9 @@ import drjit as dr
 from .geometry import Half
 from .stable import EXPONENT_CAP, expm1, is_double, log1p, with_gradient
 
+#: A squared length in the surface up to which a vector of about unit length is the normal: far below rounding for any
+#: roughness, and derivatives of what is divided by its square root stay finite.
+LEVEL = 1e-30
 #: (float32, float64) From here on erf(a) is 1 and exp(-a^2) far below rounding.
 ERF_CAP = (6.0, 12.0)
 
@@ -155,8 +158,8 @@ def roughness_of_normal(g: Half, m_u: Any, m_v: Any) -> Any:
     ashikhmin2000 (Blinn's, between two exponents); heitz2018 (GGX).
     """
     r2, q = g.hx * g.hx + g.hy * g.hy, dr.square(g.hx / m_u) + dr.square(g.hy / m_v)
-    tilted = r2 > 0
-    return dr.sqrt(dr.select(tilted, r2, 1) / dr.select(tilted, q, 1))
+    tilted = r2 > LEVEL
+    return dr.sqrt(dr.select(tilted, r2, 1)) / dr.sqrt(dr.select(tilted, q, 1))  # r2 / q overflows in a derivative
 
 
 def roughness_of_view(w: Any, m_u: Any, m_v: Any) -> Any:
@@ -169,9 +172,9 @@ def roughness_of_view(w: Any, m_u: Any, m_v: Any) -> Any:
     ----------
     heitz2014.
     """
-    r2 = w.x * w.x + w.y * w.y
-    tilted = r2 > 0
-    return dr.sqrt(dr.select(tilted, dr.square(m_u * w.x) + dr.square(m_v * w.y), 1) / dr.select(tilted, r2, 1))
+    r2, q = w.x * w.x + w.y * w.y, dr.square(m_u * w.x) + dr.square(m_v * w.y)
+    tilted = r2 > LEVEL
+    return dr.sqrt(dr.select(tilted, q, 1)) / dr.sqrt(dr.select(tilted, r2, 1))
 
 
 def azimuth(u: Any, m_u: Any, m_v: Any) -> tuple[Any, Any, Any]:
@@ -228,7 +231,7 @@ def smith_g1(w: Any, m: Any) -> Any:
     ----------
     smith1967; walter2007, sec. 5.1.
     """
-    r = dr.sqrt(dr.maximum(w.x * w.x + w.y * w.y, 1e-30))
+    r = dr.sqrt(dr.maximum(w.x * w.x + w.y * w.y, LEVEL))
     a = w.z / dr.maximum(m * r, w.z / ERF_CAP[is_double(w.z)])  # capped before the division: it would overflow
     e = dr.exp(-a * a) * dr.rsqrt(dr.pi)
     total = 1 + dr.erf(a) + e / a

@@ -12,6 +12,10 @@ from . import geometry
 from .errors import UsageError
 from .param import Param
 
+#: Cosines up to here are in the surface. Above, the sharpest lobe over the product of two cosines, and its derivatives
+#: in the parameters, are finite in float32.
+TANGENT = 2.0**-43
+
 Values = SimpleNamespace
 """Parameter values by name: numbers as Dr.Jit floats, colours as Dr.Jit colours, one entry a direction pair."""
 
@@ -191,16 +195,29 @@ def defaults(model: Model, like: Any, **values: Any) -> Values:
 def evaluate(model: Model, p: Values, wi: Any, wo: Any) -> Any:
     """The whole BSDF [1/sr] but for its ideal lobes: the sum of the others.
 
-    It is 0 where either direction is not above the surface; if the model transmits, where either is in the surface.
+    It is 0, and so are its derivatives, where either direction is not above the surface; if the model transmits, where
+    either is in the surface. Elsewhere it is NaN where a component of a direction is NaN, or a parameter that the value
+    depends on. (NaN as a literal of Dr.Jit does not count: LLVM folds it into anything. Values of a scene are opaque.)
     """
-    counts = (wi.z != 0) & (wo.z != 0) if model.transmits else (wi.z > 0) & (wo.z > 0)
+    dark = unlit(model, wi, wo)
     up = type(wi)(0, 0, 1)
-    i, o = dr.select(counts, wi, up), dr.select(counts, wo, up)
-    total = type(wi)(0)
+    i, o = dr.select(dark, up, wi), dr.select(dark, up, wo)
+    total = type(wi)(unknown(wi, wo))
     for lobe, f in zip(model.lobes, model.f(p, i, o), strict=True):
         if not lobe.ideal:
             total += dr.select(opposite(i, o) == lobe.transmits, f, 0) if model.transmits else f
-    return dr.select(counts, total, 0)
+    return dr.select(dark, 0, total)
+
+
+def unlit(model: Model, wi: Any, wo: Any) -> Any:
+    """Whether one of the directions is where `model` has nothing to say: below the surface, or in it."""
+    zi, zo = (abs(wi.z), abs(wo.z)) if model.transmits else (wi.z, wo.z)
+    return (zi <= TANGENT) | (zo <= TANGENT)
+
+
+def unknown(wi: Any, wo: Any) -> Any:
+    """NaN where a component of either direction is NaN, else 0, without gradient."""
+    return dr.select(dr.isnan(wi.x + wi.y + wi.z + wo.x + wo.y + wo.z), dr.nan, 0)
 
 
 def opposite(wi: Any, wo: Any) -> Any:

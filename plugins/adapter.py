@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from brdf import Lobe, Model, Param, UsageError, Values
-from brdf.model import opposite
+from brdf.model import opposite, unknown, unlit
 
 from . import indices
 
@@ -87,7 +87,7 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
 
         def value(self, p: Values, wi: Any, wo: Any, on: list[bool]) -> Any:
             """``f cos`` of the smooth lobes that are on."""
-            total = mi.UnpolarizedSpectrum(0)
+            total = mi.UnpolarizedSpectrum(unknown(wi, wo))
             if any(o and not lobe.ideal for o, lobe in zip(on, self.model.lobes, strict=True)):
                 for f, o, lobe in zip(self.model.f(p, wi, wo), on, self.model.lobes, strict=True):
                     if o and not lobe.ideal:
@@ -111,7 +111,7 @@ def plugin_class(model_class: type[Model]) -> type[Any]:
         def sides(self, wi: Any, wo: Any, active: Any) -> tuple[Any, Any, Any]:
             """Where the model is asked for these directions; elsewhere they are made harmless, before anyone divides
             by them."""
-            good = (wi.z != 0) & (wo.z != 0) & active if self.model.transmits else (wi.z > 0) & (wo.z > 0) & active
+            good = dr.select(unlit(self.model, wi, wo), False, active)
             return good, *(mi.Vector3f(w.x, w.y, dr.select(good, w.z, 1)) for w in (wi, wo))
 
         def chances(self, p: Values, wi: Any, on: list[bool]) -> list[Any]:

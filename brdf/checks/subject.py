@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 from drjit.llvm.ad import Array3f64
 
-from ..model import Lobe, Model, Values, defaults, opposite
+from ..model import Lobe, Model, Values, defaults, opposite, unlit
 
 #: The largest float32 below 1: a random number stays inside [0, 1) in both precisions.
 BELOW_ONE = 1 - 2.0**-24
@@ -162,7 +162,7 @@ class ModelSubject(Subject):
 
     def harmless(self, wi: Any, wo: Any) -> tuple[Any, Any, Any]:
         """Where the model is asked, and the directions, those not asked made harmless before anyone divides by them."""
-        good = (wi.z != 0) & (wo.z != 0) if self.model.transmits else (wi.z > 0) & (wo.z > 0)
+        good = ~unlit(self.model, wi, wo)
         return good, *(self.vector(w.x, w.y, dr.select(good, w.z, 1)) for w in (wi, wo))
 
     def f(self, wi: Any, wo: Any, lobe: int | None = None) -> Any:
