@@ -25,6 +25,8 @@ PRECISIONS = tuple(VECTOR)
 ILL = 0.1
 #: Numbers that have underflowed are forgiven this many times the smallest normal number, in units of the peak.
 UNDERFLOW = 1e4
+#: And a derivative as many times more.
+LONGER = 10
 #: Roundings of its inputs within which a derivative that jumps may be that of the other side.
 AT_KINK = 8
 #: Points below the horizon, where everything is 0.
@@ -154,8 +156,8 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         value_c = off(got.value, exact.value, allowed, eps * exact.value_scale)
         well = eps * exact.value_scale <= ILL * np.abs(exact.value)
         p = exact.inputs[[formula.inputs.index(name) for name in formula.by]].reshape(-1, len(exact))
-        # What the value underflows by, the derivative in p does p times as often.
-        forgiven = allowed * np.maximum(1 / np.maximum(np.abs(p), TINY["float32"]), 1)
+        # What the value underflows by, the derivative does by 1/p more, on a longer way.
+        forgiven = LONGER * allowed * np.maximum(1 / np.maximum(np.abs(p), TINY["float32"]), 1)
         slope_c = np.maximum(
             *(off(g, exact.slope, forgiven, eps * exact.slope_scale) for g in (got.reverse, got.forward))
         )

@@ -56,19 +56,29 @@ class Exact:
         return Exact(*(getattr(self, name)[..., which] for name in self.__dataclass_fields__))
 
     def write(self, path: Path) -> None:
-        """Compressed: inputs as float32; scales, which need no digits, with 3."""
+        """Compressed: inputs as float32; scales, which need few digits, by their logarithms."""
         held: dict[str, Any] = {name: getattr(self, name) for name in self.__dataclass_fields__}
         held["inputs"] = self.inputs.astype(np.float32)
-        for name in ("value_scale", "slope_scale", "peak", "kink"):
-            held[name] = coarse(held[name])
+        held |= {name: to_steps(held[name]) for name in SCALES}
         np.savez_compressed(path, **held)
 
 
-def coarse(a: Array) -> npt.NDArray[np.float32]:
-    """float32 with 9 of its 24 bits, rounded."""
-    with np.errstate(over="ignore"):
-        bits = np.clip(a, 0, np.finfo(np.float32).max).astype(np.float32).view(np.uint32)
-    return ((bits.astype(np.uint64) + 0x4000) & 0xFFFF8000).astype(np.uint32).view(np.float32)
+#: Kept by their logarithm to base 2 in steps of 1/32, 2 %.
+SCALES = ("value_scale", "slope_scale", "peak", "kink")
+STEPS, NONE, INFINITE = 32, -(2**15), 2**15 - 1
+
+
+def to_steps(a: Array) -> npt.NDArray[np.int16]:
+    """The logarithm of numbers >= 0; of 0 and of infinity what stands for them."""
+    with np.errstate(divide="ignore"):
+        steps = np.round(STEPS * np.log2(a))
+    return np.clip(steps, NONE, INFINITE).astype(np.int16)
+
+
+def from_steps(steps: Array) -> Array:
+    """The inverse of `to_steps`."""
+    found = np.exp2(np.minimum(steps, INFINITE - 1) / STEPS)
+    return np.where(steps <= NONE, 0, np.where(steps >= INFINITE, np.inf, found))
 
 
 def path_of(name: str) -> Any:
@@ -93,4 +103,5 @@ def load(name: str) -> Exact:
     if not path.is_file():
         raise DataError(f"{name}: there is no table of its exact answers in this installation.")
     with resources.as_file(path) as file, np.load(file) as held:
-        return Exact(**{key: held[key].astype(np.float64) for key in held.files})
+        read = {key: held[key].astype(np.float64) for key in held.files}
+    return Exact(**{key: from_steps(a) if key in SCALES else a for key, a in read.items()})

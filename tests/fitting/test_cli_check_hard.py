@@ -1,0 +1,122 @@
+"""``brdf check --hard``: what it prints, of ours and of an outsider's models, and how it ends."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from typing import Any
+
+import drjit as dr
+import pytest
+
+import plugins
+from brdf import Lobe, Model, choice, number
+from fitting import hard
+from fitting.cli.app import main
+from plugins import registry
+from tests.fitting.command import strict
+
+
+class Powder(Model):
+    """Minnaert's reflection; `written` says how well."""
+
+    name = "powder"
+    summary = "for tests"
+    params = (
+        number("exponent", 1.5, (1.0, 10.0), "how fast it darkens", scale="log"),
+        choice("written", ("well", "badly"), "a product of cosines, or what is left of 1 by it"),
+    )
+    lobes = (Lobe.DIFFUSE,)
+    written: str
+
+    def f(self, p: Any, wi: Any, wo: Any) -> tuple[Any]:
+        product = wi.z * wo.z
+        if self.written == "badly":
+            product = 1 - (1 - product)
+        return (dr.exp((p.exponent - 1) * dr.log(dr.maximum(product, 1e-30))) * dr.inv_pi,)
+
+
+class Stated(Powder):
+    """With its formula in mpmath."""
+
+    name = "stated"
+
+    def exact(self, p: Any, wi: Any, wo: Any) -> Any:
+        import mpmath
+
+        return (wi[2] * wo[2]) ** (p.exponent - 1) / mpmath.pi
+
+
+@pytest.fixture(autouse=True)
+def known() -> Iterator[None]:
+    plugins.register(Powder, Stated)
+    yield
+    for name in ("powder", "stated"):
+        registry._known.pop(name, None)
+
+
+def run(arguments: str, capfd: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    capfd.readouterr()
+    code = main(shlex.split(arguments))
+    out, err = capfd.readouterr()
+    return code, out, err
+
+
+def test_bricks(capfd: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run("check bricks --hard", capfd)
+    assert (code, err) == (0, "")
+    assert "fresnel_conductor" in out
+    assert "none beyond the limits" in out
+
+
+def test_json(capfd: pytest.CaptureFixture[str]) -> None:
+    """All that the issue of numbers to trust asks for, of a model as of its formulas."""
+    code, out, _ = run("check lambertian --hard --json", capfd)
+    found = strict(out)
+    assert code == 0
+    assert found["command"] == "brdf check lambertian --hard"
+    model = found["models"]["lambertian"]
+    assert model["passed"] and model["reciprocal"] and model["non_finite"] == 0
+    assert model["points"] >= 2000 * 2
+    assert 0 <= model["value_p99"] <= model["value_c"] <= 4
+    assert 0 <= model["gradient_p99"] <= model["gradient_max"]
+    assert 0 <= model["ill_conditioned"] <= 1
+    assert set(model["formulas"]["lambertian"]) == {"oracle", "float32", "float64"}
+
+
+@pytest.mark.parametrize(("name", "oracle", "rows"), [("powder", "float64", 1), ("stated", "mpmath", 2)])
+def test_an_outsiders(
+    name: str, oracle: str, rows: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each choice is judged; the bad one fails, with the place; of float64 alone nothing can be said by itself."""
+    monkeypatch.setattr(hard.outsider, "POINTS", 100)
+    code, out, _ = run(f"check {name} --hard", capfd)
+    assert code == 1
+    assert hard.ORACLES[oracle] in out
+    lines = [line for line in out.splitlines() if line.startswith(f"{name}, badly in ")]
+    assert len(lines) == rows
+    assert "roundings (limit 8) at {'wi.x': " in lines[0]
+    assert not [line for line in out.splitlines() if line.startswith(f"{name} in ")]
+
+
+def test_refused(capfd: pytest.CaptureFixture[str]) -> None:
+    for arguments, said in (
+        ("check --hard", "name a model, or bricks, or give --all"),
+        ("check phong --all --hard", "name a model, or bricks, or give --all"),
+        ("check phong --hard --only energy", "--only does not go with --hard"),
+        (
+            "check roughconductor --hard",
+            "'roughconductor' is not a model with parameters of its own. There are: bricks, ",
+        ),
+    ):
+        code, out, err = run(arguments, capfd)
+        assert (code, out) == (2, "")
+        assert said in err
+        assert err.count("\n") == 1
+
+
+def test_a_formula_that_fails(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Stated, "exact", lambda self, p, wi, wo: 1 / (p.exponent - p.exponent))
+    code, _, err = run("check stated --hard", capfd)
+    assert code == 3
+    assert "exact failed at wi.x = " in err
