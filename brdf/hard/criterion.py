@@ -29,6 +29,8 @@ UNDERFLOW = 1e4
 LONGER = 10
 #: Roundings of its inputs within which a derivative that jumps may be that of the other side.
 AT_KINK = 8
+#: A derivative by a parameter that is 0 is known to this: of what else the value has, no digits are left for less.
+AT_ZERO = 1e-45
 #: Points below the horizon, where everything is 0.
 BELOW = 300
 
@@ -156,8 +158,9 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         value_c = off(got.value, exact.value, allowed, eps * exact.value_scale)
         well = eps * exact.value_scale <= ILL * np.abs(exact.value)
         p = exact.inputs[[formula.inputs.index(name) for name in formula.by]].reshape(-1, len(exact))
-        # What the value underflows by, the derivative does by 1/p more, on a longer way.
-        forgiven = LONGER * allowed * np.maximum(1 / np.maximum(np.abs(p), TINY["float32"]), 1)
+        # What the value underflows by, the derivative does by 1/p more, on a longer way; at p = 0 nothing underflows by it.
+        longer = LONGER * allowed
+        forgiven = np.where(p == 0, np.maximum(longer, AT_ZERO), longer * np.maximum(1 / np.abs(p), 1))
         slope_c = np.maximum(
             *(off(g, exact.slope, forgiven, eps * exact.slope_scale) for g in (got.reverse, got.forward))
         )

@@ -47,5 +47,7 @@ def jet(function: Callable[..., Any], x: Sequence[Any], by: Sequence[int]) -> Je
         if not x[p] and abs(2 * (at(p, part=mpf(1) / 2) - f) / h[p]) < 0.75 * abs(slope):
             slope = mpf(0)  # it shrinks with its step: that is all it is
         slopes.append(slope)
-        scales.append(abs(slope) + mpmath.fsum(moves) + (abs(f / x[p]) if x[p] else 0))
+        about = abs(f / x[p]) if x[p] else mpf(0)
+        # A derivative that is 0 at 0 is known: the steps that are left in its moves are not.
+        scales.append(abs(slope) + mpmath.fsum(moves) + about if x[p] or slope else mpf(0))
     return Jet(f, value_scale, slopes, scales)

@@ -74,9 +74,9 @@ class OrenNayar(Model):
         if self.variant == "fast":
             return (p.reflectance * dr.inv_pi * (flat + slope * dr.maximum(toward, 0)),)
 
-        a, b = PER_RIGHT_ANGLE * dr.atan2(sin_a, cos_a), PER_RIGHT_ANGLE * dr.atan2(sin_b, cos_b)
+        a, (b, rest) = right_angles(sin_a, cos_a)[0], right_angles(sin_b, cos_b)
         # sin(alpha) - b^3 as (1 - b^3) - (1 - sin(alpha)): where both graze each bracket is small and tan(beta) large.
-        drop = PER_RIGHT_ANGLE * dr.atan2(cos_b, sin_b) * (1 + b * (1 + b)) - cos_a * cos_a / (1 + sin_a)
+        drop = rest * (1 + b * (1 + b)) - cos_a * cos_a / (1 + sin_a)
         away = toward / dr.select(sin_a > 0, sin_a, 1) * drop
         ui, uo = azimuth(i, si), azimuth(o, so)
         cos_phi, sin_phi = ui[0] * uo[0] + ui[1] * uo[1], ui[0] * uo[1] - ui[1] * uo[0]
@@ -97,6 +97,15 @@ def sine(w: Any) -> Any:
     """The sine of the angle between the unit vector `w` and the normal; on the normal 0, with derivative 0."""
     s2 = w.x * w.x + w.y * w.y
     return dr.select(s2 > 0, dr.sqrt(dr.select(s2 > 0, s2, 1)), 0)
+
+
+def right_angles(s: Any, c: Any) -> tuple[Any, Any]:
+    """An angle up to 90 degrees as a fraction of that, and what is left of 1, each with all its digits.
+
+    By the smaller of sine and cosine: `dr.atan2` in float32 is off by up to 12 roundings.
+    """
+    low = PER_RIGHT_ANGLE * dr.asin(dr.minimum(s, c))
+    return dr.select(s < c, low, 1 - low), dr.select(s < c, 1 - low, low)
 
 
 def azimuth(w: Any, s: Any) -> tuple[Any, Any]:

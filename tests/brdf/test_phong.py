@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 from mpmath import mpf
@@ -176,6 +177,16 @@ def test_hostile_inputs(kind: str, normalization: str) -> None:
     model = Phong(normalization=normalization)
     lobes.nothing_below_the_horizon(model, kind, exponent=20.0)
     lobes.finite_everywhere(model, kind, exponent=(0.0, 1e-6, 30.0, 1e6))
+
+
+@pytest.mark.parametrize("kind", WIDE)
+def test_what_is_not_a_number_is_not_taken_for_dark(kind: str) -> None:
+    """A direction with a NaN in it gives NaN, as elsewhere: the lobe does not end there."""
+    vector = VECTORS[kind]
+    model = Phong(normalization="modified")
+    for wi, wo in ((vector(np.nan, 0, 1), vector(0, 0, 1)), (vector(0, 0, 1), vector(0, np.nan, 1))):
+        dr.make_opaque(wi, wo)  # of constants, Dr.Jit takes 0 times NaN for 0
+        assert np.isnan(to_numpy(evaluate(model, defaults(model, vector), wi, wo))).all()
 
 
 def test_faults() -> None:

@@ -15,7 +15,7 @@ Vector = Sequence[Any]
 
 def angles(wi: Vector, wo: Vector) -> tuple[Any, Any, Any]:
     """The two angles from the normal, and the azimuth between the directions, which may be of any length."""
-    i, o = ([mpf(float(c)) for c in w] for w in (wi, wo))
+    i, o = ([mpf(c) for c in w] for w in (wi, wo))
     theta_i, theta_o = (mpmath.atan2(mpmath.hypot(w[0], w[1]), w[2]) for w in (i, o))
     return theta_i, theta_o, mpmath.atan2(i[1], i[0]) - mpmath.atan2(o[1], o[0])
 
