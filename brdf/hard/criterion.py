@@ -154,8 +154,10 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         value_c = off(got.value, exact.value, allowed, eps * exact.value_scale)
         well = eps * exact.value_scale <= ILL * np.abs(exact.value)
         p = exact.inputs[[formula.inputs.index(name) for name in formula.by]].reshape(-1, len(exact))
-        # What the value underflows by, the derivative in p does p times as often.
-        forgiven = allowed * np.maximum(1 / np.maximum(np.abs(p), TINY["float32"]), 1)
+        # What the value underflows by, the derivative in p does 1/p times as often, and that in p^2, on the way to
+        # it, p times.
+        size = np.maximum(np.abs(p), TINY["float32"])
+        forgiven = allowed * np.maximum(np.maximum(1 / size, size), 1)
         slope_c = np.maximum(
             *(off(g, exact.slope, forgiven, eps * exact.slope_scale) for g in (got.reverse, got.forward))
         )

@@ -18,17 +18,18 @@ import numpy as np
 from mpmath import mp, mpf
 
 from brdf.hard import FORMULAS, Exact, Formula
-from tests.oracles import bricks, microfacets
+from tests.oracles import bricks, layered, microfacets
 
 DIGITS = 120
 #: Step of the differences, relative or, at 0, as it is: what they cut off is beyond float64; what they cancel leaves digits.
 STEP, STEP_AT_ZERO = mpf(2) ** -90, mpf(2) ** -180
-#: A derivative of this size is one of 0: what its step has left.
-NOTHING = mpf(10) ** -45
+#: A derivative of this size is one of 0, and so is one that a step smaller by NEARER more than halves: it is what the step
+#: has left of a second derivative, which next to the critical angle is large.
+NOTHING, NEARER = mpf(10) ** -45, mpf(2) ** -20
 
 #: By the name of a formula, functions of its arguments; by the name of a model, of (model, wi, wo, parameters).
-BRICKS: dict[str, bricks.Answer] = bricks.ANSWERS
-MODELS: dict[str, bricks.Answer] = {**microfacets.ANSWERS}
+BRICKS: dict[str, bricks.Answer] = {**bricks.ANSWERS, **layered.BY_NAME}
+MODELS: dict[str, bricks.Answer] = {**microfacets.ANSWERS, **layered.ANSWERS}
 
 
 def answer(formula: Formula) -> bricks.Answer:
@@ -62,11 +63,15 @@ class Jet(NamedTuple):
 def jet(function: Callable[..., Any], x: Sequence[Any], by: Sequence[int]) -> tuple[Any, Any, list[Any], list[Any]]:
     """Value, its scale, derivatives by some arguments, and their scales. By forward differences."""
 
-    def at(*steps: int) -> Any:
+    def at(*steps: int, part: Any = 1) -> Any:
         moved = list(x)
         for i in steps:
-            moved[i] += h[i]
+            moved[i] += h[i] * part
         return function(*moved)
+
+    def vanishes(p: int) -> bool:
+        """The derivative at 0, which is all step."""
+        return abs(d[p]) <= NOTHING or abs(at(p, part=NEARER) - f) < abs(d[p] * h[p] * NEARER) / 2
 
     h = [abs(v) * STEP if v else STEP_AT_ZERO for v in x]
     f, n = at(), range(len(x))
@@ -76,7 +81,7 @@ def jet(function: Callable[..., Any], x: Sequence[Any], by: Sequence[int]) -> tu
     slopes, scales = [], []
     for p in by:
         moves = [abs(x[i] * (at(p, i) - one[p] - one[i] + f) / (h[p] * h[i])) for i in n if x[i]]
-        slopes.append(d[p] if x[p] or abs(d[p]) > NOTHING else mpf(0))
+        slopes.append(mpf(0) if not x[p] and vanishes(p) else d[p])
         scales.append(abs(d[p]) + mpmath.fsum(moves) + (abs(f / x[p]) if x[p] else 0))
     return f, value_scale, slopes, scales
 
