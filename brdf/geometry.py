@@ -58,6 +58,11 @@ def sine2(w: Any) -> Any:
     return (1 - z) * (1 + z)
 
 
+def unit(v: Any) -> Any:
+    """`v` at length 1."""
+    return v * dr.rsqrt(square(v))
+
+
 def reflect(w: Any) -> Any:
     """The mirror image of `w` about the normal."""
     return type(w)(-w.x, -w.y, w.z)
@@ -73,7 +78,9 @@ def refract(w: Any, eta: Any) -> tuple[Any, Any]:
     """Where light from `w`, above or below, goes behind a smooth surface (Snell's law), and whether it does.
 
     In the surface ``-(w.x, w.y) / eta``; along the normal ``sqrt(1 - s2 / eta^2) = sqrt(eta^2 - 1 + c^2) / eta``,
-    whichever does not cancel. Under total internal reflection the direction is ``-w``, which means nothing.
+    whichever does not cancel, from the cosine alone, as Fresnel's formulas: so they agree on which light is refracted.
+    The length is then made 1: that of `w` is so to rounding, of which a division by a small index makes more. Under
+    total internal reflection the direction is ``-w``, which means nothing.
 
     Parameters
     ----------
@@ -92,13 +99,13 @@ def refract(w: Any, eta: Any) -> tuple[Any, Any]:
     ----------
     born1999, sec. 1.5.
     """
-    s2, eta2 = w.x * w.x + w.y * w.y, eta * eta
+    s2, eta2 = sine2(w), eta * eta
     direct = 1 - s2 / eta2
     c2 = dr.select(s2 < 0.5, direct, ((eta - 1) * (eta + 1) + w.z * w.z) / eta2)
     c2 = with_gradient(c2, direct)  # of one term, where that of the other form cancels
     refracts = c2 > 0
     c = dr.sqrt(dr.select(refracts, c2, 1))
-    wo = type(w)(-w.x / eta, -w.y / eta, dr.select(w.z > 0, -c, c))
+    wo = unit(type(w)(-w.x / eta, -w.y / eta, dr.select(w.z > 0, -c, c)))
     return dr.select(refracts, wo, -w), refracts
 
 

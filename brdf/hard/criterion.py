@@ -158,9 +158,11 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         value_c = off(got.value, exact.value, allowed, eps * exact.value_scale)
         well = eps * exact.value_scale <= ILL * np.abs(exact.value)
         p = exact.inputs[[formula.inputs.index(name) for name in formula.by]].reshape(-1, len(exact))
-        # What the value underflows by, the derivative does by 1/p more, on a longer way; at p = 0 nothing underflows by it.
+        # What the value underflows by, the derivative does by 1/p more, and that in p^2, on the way to it, by p, on a
+        # longer way; at p = 0 nothing underflows by it.
         longer = LONGER * allowed
-        forgiven = np.where(p == 0, np.maximum(longer, AT_ZERO), longer * np.maximum(1 / np.abs(p), 1))
+        size = np.abs(p)
+        forgiven = np.where(p == 0, np.maximum(longer, AT_ZERO), longer * np.maximum(np.maximum(1 / size, size), 1))
         slope_c = np.maximum(
             *(off(g, exact.slope, forgiven, eps * exact.slope_scale) for g in (got.reverse, got.forward))
         )

@@ -86,26 +86,36 @@ def directions(*arrays: Array) -> dict[str, Array]:
     return {name: a for w, given in zip(names, arrays, strict=False) for name, a in zip(w, given.T, strict=True)}
 
 
+def values(model: Model, vector: Any, v: SimpleNamespace) -> Values:
+    """The parameters of a model; colours are grey."""
+    p = Values()
+    for q in model.parameters():
+        x = getattr(v, q.name)
+        setattr(p, q.name, vector(x) if q.kind == "colour" else x)
+    return p
+
+
 def of_model(model: Model) -> Function:
     """`evaluate`, of the first channel: colours are grey."""
 
     def function(vector: Any, v: SimpleNamespace) -> Any:
-        p = Values()
-        for q in model.parameters():
-            x = getattr(v, q.name)
-            setattr(p, q.name, vector(x) if q.kind == "colour" else x)
-        return evaluate(model, p, vector(v.wi_x, v.wi_y, v.wi_z), vector(v.wo_x, v.wo_y, v.wo_z)).x
+        wi, wo = vector(v.wi_x, v.wi_y, v.wi_z), vector(v.wo_x, v.wo_y, v.wo_z)
+        return evaluate(model, values(model, vector, v), wi, wo).x
 
     return function
 
 
 def model_points(model: Model, draws: Mapping[str, Draw], width: Width | None) -> Points:
-    """Directions about the lobe, and parameters: by `draws`, else over their bounds."""
+    """Directions about the lobe, and parameters: by `draws`, else over their bounds. If the model transmits, half of
+    the directions are below, of wi and of wo."""
 
     def points(rng: np.random.Generator, n: int) -> Mapping[str, Array]:
         p = {q.name: (draws.get(q.name) or grid.within(q))(rng, n) for q in model.parameters()}
-        wide = width(p) if width else 10 ** rng.uniform(-6, 0, n)
-        return {**directions(*grid.pairs(rng, wide)), **p}
+        wi, wo = grid.pairs(rng, width(p) if width else 10 ** rng.uniform(-6, 0, n))
+        if model.transmits:
+            wi[:, 2] *= rng.choice([-1, 1], n)
+            wo[:, 2] *= rng.choice([-1, 1], n)
+        return {**directions(wi, wo), **p}
 
     return points
 

@@ -12,6 +12,9 @@ DIGITS = 120
 #: Step of the differences, relative or, at 0, as it is: what they cut off is beyond float64; what they cancel leaves
 #: digits.
 STEP, STEP_AT_ZERO = mpf(2) ** -90, mpf(2) ** -180
+#: A derivative of this size is one of 0. A step smaller by the other tells what is left of a second derivative, which
+#: next to the critical angle is large, from a first.
+NOTHING, NEARER = mpf(10) ** -45, mpf(2) ** -20
 
 
 class Jet(NamedTuple):
@@ -35,6 +38,10 @@ def jet(function: Callable[..., Any], x: Sequence[Any], by: Sequence[int]) -> Je
             moved[i] += part * h[i]
         return function(*moved)
 
+    def vanishes(p: int) -> bool:
+        """Whether the derivative at 0 is but what its step has left: it shrinks with the step."""
+        return abs(d[p]) <= NOTHING or abs(at(p, part=NEARER) - f) < abs(d[p] * h[p] * NEARER) / 2
+
     h = [abs(v) * STEP if v else STEP_AT_ZERO for v in x]
     f, n = at(), range(len(x))
     one = [at(i) for i in n]
@@ -43,11 +50,6 @@ def jet(function: Callable[..., Any], x: Sequence[Any], by: Sequence[int]) -> Je
     slopes, scales = [], []
     for p in by:
         moves = [abs(x[i] * (at(p, i) - one[p] - one[i] + f) / (h[p] * h[i])) for i in n if x[i]]
-        slope = d[p]
-        if not x[p] and abs(2 * (at(p, part=mpf(1) / 2) - f) / h[p]) < 0.75 * abs(slope):
-            slope = mpf(0)  # it shrinks with its step: that is all it is
-        slopes.append(slope)
-        about = abs(f / x[p]) if x[p] else mpf(0)
-        # A derivative that is 0 at 0 is known: the steps that are left in its moves are not.
-        scales.append(abs(slope) + mpmath.fsum(moves) + about if x[p] or slope else mpf(0))
+        slopes.append(mpf(0) if not x[p] and vanishes(p) else d[p])
+        scales.append(abs(slopes[-1]) + mpmath.fsum(moves) + (abs(f / x[p]) if x[p] else 0))
     return Jet(f, value_scale, slopes, scales)

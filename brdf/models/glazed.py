@@ -16,7 +16,7 @@ class Glazed(Model):
 
     Light crosses the coat on its way in and out, and between them meets it from inside again and again: K is the mean
     reflectance of the coat from inside. Reciprocity says ``eta^2 (1 - K) = 1 - mean F``, whatever the law of F, so that
-    the denominator is ``pi (eta^2 (1 - diffuse) + diffuse (1 - mean F))``, a sum of positive terms. The two lobes are
+    ``1 - diffuse K`` is ``(1 - diffuse) + diffuse (1 - mean F) / eta^2``, a sum of positive terms. The two lobes are
     coupled: a white base reflects all that arrives, under any coat; a black one leaves the mirror.
 
     With ``fresnel="constant"`` F is that of normal incidence, ``((eta - 1)/(eta + 1))^2``, at all angles.
@@ -53,10 +53,12 @@ class Glazed(Model):
         return Ideal(geometry.reflect(wi), p.specular_reflectance * self.reflectance(p, wi))
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any]:
-        return 0.0, self.base(p) * (self.transmittance(p, wi) * self.transmittance(p, wo)) * dr.inv_pi
+        # each by its own eta: the square of a large one underflows in its derivative
+        through = (self.transmittance(p, wi) / p.eta) * (self.transmittance(p, wo) / p.eta)
+        return 0.0, self.base(p) * through * dr.inv_pi
 
     def choose(self, p: Values, wi: Any) -> tuple[Any, Any]:
-        diffuse = dr.mean(self.base(p)) * self.transmittance(p, wi) * (1 - self.mean_reflectance(p))
+        diffuse = dr.mean(self.base(p)) * self.transmittance(p, wi) * self.leaves(p)
         return dr.mean(p.specular_reflectance) * self.reflectance(p, wi), diffuse
 
     def faults(self) -> dict[str, str]:
@@ -65,9 +67,13 @@ class Glazed(Model):
         }
 
     def base(self, p: Values) -> Any:
-        """``diffuse / (eta^2 (1 - diffuse K))``: what the base sends up for what has come in through the coat."""
+        """``diffuse / (1 - diffuse K)``: what the base sends up for what has come in through the coat."""
         kd = p.diffuse_reflectance
-        return kd / (p.eta * p.eta * (1 - kd) + kd * (1 - self.mean_reflectance(p)))
+        return kd / ((1 - kd) + kd * self.leaves(p))
+
+    def leaves(self, p: Values) -> Any:
+        """``1 - K``: the fraction of even light inside that leaves."""
+        return (1 - self.mean_reflectance(p)) / p.eta / p.eta
 
     def reflectance(self, p: Values, w: Any) -> Any:
         """F of the coat for one direction."""

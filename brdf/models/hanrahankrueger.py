@@ -84,14 +84,16 @@ class HanrahanKrueger(Model):
         }
 
     def f(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any, Any]:
+        wi, wo = geometry.unit(wi), geometry.unit(wo)  # a sharp phase and grazing light both need the length to be 1
         i, o = inside(wi, p.eta), inside(wo, p.eta)
         mi, mo = abs(i.z), abs(o.z)
-        sides = crossed(wi, p.eta) * crossed(wo, p.eta)
-        once = sides / (p.eta * p.eta) * henyey_greenstein(i, o, p.g)
+        # each by its own eta: the square of a large one underflows in its derivative
+        sides = (crossed(wi, p.eta) / p.eta) * (crossed(wo, p.eta) / p.eta)
+        once = sides * henyey_greenstein(i, o, p.g)
         return once * reflected(p, mi, mo), once * transmitted(p, mi, mo), 0.0
 
     def ideal(self, p: Values, wi: Any, lobe: int) -> Ideal:
-        return Ideal(-wi, unscattered(p, wi))
+        return Ideal(-wi, unscattered(p, geometry.unit(wi)))
 
     def sample(self, p: Values, wi: Any, u: Any, lobe: int) -> Any:
         axis, g, side = self.around(p, wi, lobe)

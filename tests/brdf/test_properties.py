@@ -216,7 +216,9 @@ ORDERS = {
     "T at the normal falls with eta": Order(
         lambda x, w, u: fresnel.transmittance_dielectric(1 + 0 * x, 0 * x, x), 1.0, 1e6, -1
     ),
-    "Schlick's F falls with the cosine": Order(lambda x, w, u: fresnel.fresnel_schlick(x, (1 - x) * (1 + x), 1 + 9 * u), 1e-7, 1.0, -1),
+    "Schlick's F falls with the cosine": Order(
+        lambda x, w, u: fresnel.fresnel_schlick(x, (1 - x) * (1 + x), 1 + 9 * u), 1e-7, 1.0, -1
+    ),
     "Schlick's F rises with eta": Order(lambda x, w, u: fresnel.fresnel_schlick(w.z, s2(w), x), 1.0, 1e6, 1),
     "mean F rises with eta": Order(lambda x, w, u: fresnel.fresnel_dielectric_mean(x), 1 + 2.0**-20, 10.0, 1),
     "F of a metal at the normal rises with k": Order(

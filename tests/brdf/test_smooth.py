@@ -127,11 +127,13 @@ def test_gradient_of_refraction(kind: str, component: int) -> None:
 
 @wide
 def test_refraction_at_grazing(kind: str) -> None:
-    """The cosine keeps its digits where the sine, rounded, does not have them: ``cos_t^2 = (eta^2 - 1 + cos^2) / eta^2``."""
+    """The cosine keeps its digits where the sine, rounded, does not have them: ``cos_t^2 = (eta^2 - 1 + cos^2) / eta^2``, of
+    a vector that is then brought to unit length."""
     w = single([directions.unit(c, 0.0) for c in (1e-1, 1e-2, 1e-3, 1e-4)])
     for eta in single([1 + 2.0**-20, 1.000277, 1.5]):
         z = call(lambda v, n: geometry.refract(v, n)[0].z, VECTORS[kind], w, np.full(len(w), eta))
-        want = [float(mpmath.sqrt((mpf(eta) ** 2 - 1 + mpf(c) ** 2) / mpf(eta) ** 2)) for c in w[:, 2]]
+        cos = [mpmath.sqrt((mpf(eta) ** 2 - 1 + mpf(c) ** 2) / mpf(eta) ** 2) for c in w[:, 2]]
+        want = [float(c / mpmath.hypot(c, mpf(v[0]) / mpf(eta))) for c, v in zip(cos, w, strict=True)]
         np.testing.assert_allclose(-z, want, rtol=4 * EPS[kind])
 
 

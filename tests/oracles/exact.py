@@ -19,11 +19,11 @@ from mpmath import mp, mpf
 
 from brdf.hard import FORMULAS, Exact, Formula
 from brdf.hard.jet import DIGITS, jet
-from tests.oracles import bricks, glossy, microfacets
+from tests.oracles import bricks, glossy, layered, microfacets
 
 #: By the name of a formula, functions of its arguments; by the name of a model, of (model, wi, wo, parameters).
-BRICKS: dict[str, bricks.Answer] = bricks.ANSWERS
-MODELS: dict[str, bricks.Answer] = {**microfacets.ANSWERS, **glossy.ANSWERS}
+BRICKS: dict[str, bricks.Answer] = {**bricks.ANSWERS, **layered.BY_NAME}
+MODELS: dict[str, bricks.Answer] = {**microfacets.ANSWERS, **glossy.ANSWERS, **layered.ANSWERS}
 
 
 def answer(formula: Formula) -> bricks.Answer:

@@ -17,7 +17,7 @@ Vector = Any
 
 def inner(w: Vector, eta: Any) -> list[Any]:
     """Where light to `w` outside comes from inside: the same plane, the same side, Snell's angle."""
-    x, y, z = (mpf(float(c)) for c in w)
+    x, y, z = (mpf(c) for c in w)
     across = mpmath.hypot(x, y)
     theta = mpmath.asin(mpmath.sin(mpmath.atan2(across, abs(z))) / eta)
     scale = mpmath.sin(theta) / across if across else mpf(0)
@@ -32,7 +32,7 @@ def phase(i: Vector, o: Vector, g: Any) -> Any:
 
 def through(w: Vector, eta: Any) -> Any:
     """Transmittance of a side for light from `w`."""
-    x, y, z = (mpf(float(c)) for c in w)
+    x, y, z = (mpf(c) for c in w)
     return 1 - textbook.fresnel_dielectric(mpmath.cos(mpmath.atan2(mpmath.hypot(x, y), abs(z))), eta)
 
 
@@ -61,11 +61,11 @@ def scattered(wi: Vector, wo: Vector, sigma_s: Any, sigma_a: Any, thickness: Any
     if not sigma_t:
         depth = sigma_s * thickness / (mi * mo)
     elif i[2] * o[2] > 0:
-        depth = sigma_s / sigma_t / (mi + mo) * (1 - mpmath.exp(-tau * (1 / mi + 1 / mo)))
+        depth = sigma_s / sigma_t / (mi + mo) * -mpmath.expm1(-tau * (1 / mi + 1 / mo))
     elif abs(mi - mo) < mpf(10) ** -40:
         depth = sigma_s * thickness / mi**2 * mpmath.exp(-tau / mi)
     else:
-        depth = sigma_s / sigma_t / (mi - mo) * (mpmath.exp(-tau / mi) - mpmath.exp(-tau / mo))
+        depth = sigma_s / sigma_t / (mi - mo) * mpmath.exp(-tau / mi) * -mpmath.expm1(tau * (1 / mi - 1 / mo))
     return through(wi, eta) * through(wo, eta) / eta**2 * phase(i, o, g) * depth
 
 

@@ -112,10 +112,10 @@ def roughness_towards(w: Vector, u: Any, v: Any) -> Any:
 
 def fresnel_dielectric(c: Any, eta: Any) -> Any:
     """Snell's law and the two amplitudes."""
-    sin_t = mpmath.sqrt(1 - c**2) / eta
-    if sin_t >= 1:
+    sin2_t = (1 - c**2) / eta**2
+    if sin2_t >= 1:
         return mpf(1)
-    cos_t = mpmath.sqrt(1 - sin_t**2)
+    cos_t = mpmath.sqrt(1 - sin2_t)
     s = (c - eta * cos_t) / (c + eta * cos_t)
     p = (eta * c - cos_t) / (eta * c + cos_t)
     return (s**2 + p**2) / 2
