@@ -16,6 +16,9 @@ from .stable import atanh_rest, is_double, with_gradient
 #: (float32, float64) A fourth power of an amplitude up to which it is as good as 0, but has a derivative.
 VANISHING = (1e-37, 1e-300)
 
+#: Below this ``R_s`` F is taken from itself, above it from ``1 - F``: F is then between .35 and .7.
+RS_MIDDLE = 0.7
+
 
 def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     """Unpolarised reflectance of a smooth dielectric.
@@ -45,8 +48,8 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     cook1982, eq. for F; born1999, sec. 1.5.
     """
-    reflects, low, high = two_forms(c, s2, eta)
-    return dr.select(reflects, 1, dr.select(low < 0.5, low, 1 - high))
+    reflects, low, part = smaller(c, s2, eta)
+    return dr.select(reflects, 1, dr.select(low, part, 1 - part))
 
 
 def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
@@ -70,12 +73,15 @@ def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     born1999, sec. 1.5.
     """
-    reflects, low, high = two_forms(c, s2, eta)
-    return dr.select(reflects, 0, dr.select(low < 0.5, 1 - low, high))
+    reflects, low, part = smaller(c, s2, eta)
+    return dr.select(reflects, 0, dr.select(low, 1 - part, part))
 
 
-def two_forms(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
-    """Whether all is reflected, and if not ``F``, good where it is small, and ``1 - F``, good where that is small.
+def smaller(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
+    """Whether all is reflected; if not, whether ``F`` is small, and then ``F``, else ``1 - F``, without a difference.
+
+    Whether F is small is told by ``r_s^2``, of which F is at least half and at most all. Both have the denominators
+    ``(c + g)^2`` and ``(c g + s2)^2``, since ``eta^2 c + g = (c + g) (c g + s2)``.
 
     No comparison holds with NaN, so conditions are written such that NaN goes where it is computed with.
     """
@@ -83,21 +89,22 @@ def two_forms(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
     g2 = dr.select(s2 < 0.5, eta * eta - s2, k + c * c)
     reflects = g2 <= 0
     g = dr.sqrt(dr.select(reflects, 1, g2))
-    sum_cg = c + g
-    rs = k / (sum_cg * sum_cg)
     cg = c * g
-    ratio = (cg - s2) / (cg + s2)
-    a, b = 1 / sum_cg, eta / (eta * eta * c + g)  # squared last: the squares of a quotient overflow in a derivative
-    return reflects, rs * rs * (1 + ratio * ratio) * 0.5, 2 * cg * (a * a + b * b)
+    a, q = 1 / (c + g), 1 / (cg + s2)
+    rs = k * a * a
+    low = rs * rs < RS_MIDDLE
+    ratio = dr.select(low, cg - s2, eta) * q
+    return reflects, low, dr.select(low, 0.5 * rs * rs, 2 * cg * (a * a)) * (1 + ratio * ratio)
 
 
 def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     """Unpolarised reflectance of a smooth conductor of complex index ``eta + i k``.
 
-    ``a^2 - b^2 = eta^2 - k^2 - s2``, ``a b = eta k``, ``R_s = ((a - c)^2 + b^2) / ((a + c)^2 + b^2)``, ``R_p / R_s =
-    ((a c - s2)^2 + b^2 c^2) / ((a c + s2)^2 + b^2 c^2)``, ``F = (R_s + R_p) / 2``. Of `a` and `b` the larger comes from
-    a sum, the smaller from their product, and ``a - c`` from ``a^2 - c^2`` where it would cancel. Where F is near 1, as
-    that of metals and at grazing, it is ``1 - T`` with the transmittance as a product of positive terms,
+    ``n = eta + i k``, ``(a + i b)^2 = n^2 - s2``, ``R_s = |(a + i b - c) / (a + i b + c)|^2``, ``R_p / R_s =
+    |((a + i b) c - s2) / ((a + i b) c + s2)|^2``, ``F = (R_s + R_p) / 2``. Numerator times denominator is ``n^2 - 1 =
+    (n - 1)(n + 1)`` and ``n^2 c^2 - s2``: divided by these, only the denominators are left, sums of positive terms in
+    which `b` is in ``a^2 + b^2`` alone. `a` is from a sum, or ``eta k / b``. Where F is near 1, as that of metals and
+    at grazing, it is ``1 - T``, with
     ``T = 2 a c (1 + (a^2 + b^2 + s2) / ((a c + s2)^2 + b^2 c^2)) / ((a + c)^2 + b^2)``.
 
     Parameters
@@ -116,25 +123,21 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     ----------
     born1999, sec. 14.2.
     """
-    near = (eta - 1) * (eta + 1) - k * k
-    t = dr.select(s2 < 0.5, (eta - k) * (eta + k) - s2, near + c * c)
+    k2, c2, product = k * k, c * c, 2 * eta * k
+    less, more, square = eta - 1, eta + 1, (eta - k) * (eta + k)
+    t = dr.select(s2 < 0.5, square - s2, less * more - k2 + c2)
     positive = t >= 0
-    product = eta * k
-    modulus = dr.sqrt(dr.maximum(t * t + 4 * product * product, VANISHING[is_double(t)]))
-    w = dr.sqrt(0.5 * (modulus + dr.select(positive, t, -t)))
-    z = product / w
-    a, b = dr.select(positive, w, z), dr.select(positive, z, w)
-    less, more = dr.select(positive, (near + b * b) / (a + c), a - c), a + c
-    b2, ac, bc = b * b, a * c, b * c
-    bottom = more * more + b2
-    minus, plus, bc2 = ac - s2, ac + s2, bc * bc
-    bottom_p = plus * plus + bc2
-    # Squared last: that of eta and k next to 0 at normal incidence overflows in a derivative, and of both at 0 is 0.
-    scale = 1 / dr.sqrt(dr.select(bottom_p <= 0, 1, bottom_p))
-    low = 0.5 * (less * less + b2) / bottom * (1 + (dr.square(minus * scale) + dr.square(bc * scale)))
-    larger = dr.square(a * scale) + dr.square(b * scale) + s2 * scale * scale
-    transmitted = 2 * ac / bottom * (1 + larger)
-    return dr.select(low < 0.5, low, 1 - transmitted)
+    modulus2 = t * t + product * product
+    none = modulus2 <= 0  # refracted: eta = k = 0 at normal incidence, or k = 0 at the critical angle; not for NaN
+    modulus = dr.sqrt(dr.select(none, 1, modulus2))
+    w = dr.sqrt(2 * (modulus + dr.select(positive, t, -t)))
+    ac = c * dr.select(positive, w, 2 * product / w)  # 2 a c
+    s, p = 1 / (modulus + c2 + ac), 1 / (modulus * c2 + s2 * (s2 + ac))
+    rs = ((less * less + k2) * s) * ((more * more + k2) * s)
+    low = rs < RS_MIDDLE
+    x, y = (square * c2 - s2) * p, product * c2 * p
+    part = dr.select(low, 0.5 * rs, ac * s) * (1 + dr.select(low, x * x + y * y, (modulus + s2) * p))
+    return dr.select(none, 1, dr.select(low, part, 1 - part))
 
 
 def fresnel_schlick(c: Any, s2: Any, eta: Any) -> Any:

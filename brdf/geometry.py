@@ -38,9 +38,9 @@ def half(wi: Any, wo: Any) -> Half:
     """
     h, d = wi + wo, wi - wo
     hh, dd = square(h), square(d)
-    total = hh + dd
-    x, y = h.x / h.z, h.y / h.z  # squared last: derivatives of 1 / h.z^2 overflow where both directions graze
-    return Half(x * x + y * y, dr.sqrt(hh / total), dd / total, hh, h.z, h.x, h.y)
+    per, flat = 1 / (hh + dd), 1 / h.z
+    x, y = h.x * flat, h.y * flat  # squared last: derivatives of 1 / h.z^2 overflow where both directions graze
+    return Half(x * x + y * y, dr.sqrt(hh * per), dd * per, hh, h.z, h.x, h.y)
 
 
 def square(v: Any) -> Any:

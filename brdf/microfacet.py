@@ -27,8 +27,9 @@ def beckmann_d_half(tan2: Any, m: Any) -> Any:
 
     Kept apart because ``(1 + tan^2)^2`` overflows before the exponential brings it back: see `beckmann_d`.
     """
-    e = dr.minimum(tan2 / m / m, EXPONENT_CAP[is_double(tan2)])  # the derivative of tan2 / (m m) overflows sooner
-    return dr.exp(-0.5 * e) * (1 + tan2) / m
+    r = 1 / m
+    e = dr.minimum(tan2 * r * r, EXPONENT_CAP[is_double(tan2)])  # the derivative of tan2 / (m m) overflows sooner
+    return dr.exp(-0.5 * e) * (1 + tan2) * r
 
 
 def beckmann_d(tan2: Any, m: Any) -> Any:
@@ -123,8 +124,9 @@ def blinn_d_half(tan2: Any, m: Any) -> Any:
     ----------
     blinn1977; walter2007 (Phong's distribution: the constant, and the exponent that matches).
     """
-    e = log1p(tan2) / m / m * ((1 - m) * (1 + m))
-    return dr.exp(-0.5 * dr.minimum(e, EXPONENT_CAP[is_double(tan2)])) / m
+    r = 1 / m
+    e = log1p(tan2) * r * r * ((1 - m) * (1 + m))
+    return dr.exp(-0.5 * dr.minimum(e, EXPONENT_CAP[is_double(tan2)])) * r
 
 
 def blinn_tangent(u: Any, m: Any) -> Any:
@@ -211,7 +213,8 @@ def vcavity_g(ci: Any, co: Any, hh: Any, hz: Any) -> Any:
 def vcavity_g_over_cosines(ci: Any, co: Any, hh: Any, hz: Any) -> Any:
     """``G / (4 ci co)``, never dividing by the product of two small cosines."""
     low, high = dr.minimum(ci, co), dr.maximum(ci, co)
-    return dr.minimum(1 / (4 * low), hz / hh) / high
+    hidden = 4 * hz * low < hh
+    return dr.select(hidden, hz, 0.25) / dr.select(hidden, hh, low) / high
 
 
 def smith_g1(w: Any, m: Any) -> Any:

@@ -11,19 +11,21 @@ import drjit as dr
 EXPONENT_CAP = (400.0, 2980.0)
 #: `cosine_integral`: steps of its recurrence, and levels of its continued fraction, that give float64 its last digit.
 INTEGRAL_STEPS, INTEGRAL_LEVELS = 6, 6
-#: `mean_decay`: terms whose last, for x = 1/2, is below rounding in float64, and so is that of its derivative.
-DECAY_TERMS = 15
+#: (float32, float64) `mean_decay`: terms whose last, for x = 1/2, is below rounding, and so is that of its derivative.
+DECAY_TERMS = (9, 15)
 #: ``2 j / (2 j + 1)!`` from j = 1: the last, for h = 1, is below rounding in float64.
 REST_SERIES = tuple(2 * j / math.factorial(2 * j + 1) for j in range(1, 10))
 
 
 def log1p(x: Any) -> Any:
-    """``log(1 + x)`` to a few roundings for small `x` (Kahan: ``log(u) x / (u - 1)`` with ``u = 1 + x`` rounded)."""
+    """``log(1 + x)`` to a few roundings, also for small `x`: ``log(u) + (x - (u - 1))`` with ``u = 1 + x`` rounded.
+
+    The bracket is exactly what the rounding took. The series has it over `u`: up to ``u = 2`` this makes less than a
+    rounding, and beyond the bracket itself does.
+    """
     u = 1 + x
-    d = u - 1
-    exact = dr.detach(d) == 0
-    value = dr.select(exact, x, dr.log(u) * (x / dr.select(exact, 1, d)))
-    return with_gradient(value, dr.log(u))
+    log = dr.log(u)
+    return with_gradient(log + dr.select(u < 2, x - (u - 1), 0), log)
 
 
 def expm1(x: Any) -> Any:
@@ -32,17 +34,17 @@ def expm1(x: Any) -> Any:
     return with_gradient(2 * dr.sinh(half) * dr.exp(half), dr.exp(x))
 
 
-def cosine_power(near: Any, far: Any, dot: Any, n: Any) -> Any:
+def cosine_power(near: Any, dot: Any, n: Any) -> Any:
     """``cos^n`` of the angle between two vectors a and b of the same length, however large `n`; 0 from 90 degrees on.
 
-    ``cos = 1 - 2 near / (near + far)``, so that ``log(cos)`` keeps its accuracy for small angles, where a power of the
+    ``cos = 1 - near / (near + 2 dot)``, so that ``log(cos)`` keeps its accuracy for small angles, where a power of the
     dot product would lose `n` times its rounding. For large angles, where that difference would cancel,
-    ``cos = 4 dot / (near + far)``.
+    ``cos = 2 dot / (near + 2 dot)``.
 
     Parameters
     ----------
-    near, far : float
-        ``|a - b|^2`` and ``|a + b|^2``, as sums of squares.
+    near : float
+        ``|a - b|^2``, as a sum of squares.
     dot : float
         ``a.b``, as a sum of products.
     n : float
@@ -53,13 +55,15 @@ def cosine_power(near: Any, far: Any, dot: Any, n: Any) -> Any:
     float
         In [0, 1]; the same with a and b exchanged, bit for bit. NaN where `dot` is.
     """
-    total = near + far
-    away = 2 * near / total
+    below = dot <= 0  # not for NaN
+    twice = dr.select(below, 1, 2 * dot)
+    per = 1 / (near + twice)
+    away = near * per
     small = away < 0.5
-    log_near = log1p(-dr.select(small, away, 0))
-    log_far = dr.log(dr.select(small | (dot <= 0), 1, 4 * dot / total))
-    e = dr.maximum(n * dr.select(small, log_near, log_far), -EXPONENT_CAP[is_double(dot)])
-    return dr.select(dot <= 0, 0, dr.exp(e))  # NaN stays NaN
+    cos = dr.select(small, 1 - away, twice * per)
+    log = dr.log(cos)
+    log = with_gradient(log + dr.select(small, (1 - cos) - away, 0), log)  # as in log1p
+    return dr.select(below, 0, dr.exp(dr.maximum(n * log, -EXPONENT_CAP[is_double(dot)])))
 
 
 def cosine_integral(n: Any) -> Any:
@@ -120,8 +124,8 @@ def mean_decay(x: Any) -> Any:
     A series, nested: ``1 - x/2 (1 - x/3 (1 - x/4 (...)))``.
     """
     total: Any = 1.0
-    for k in range(DECAY_TERMS, 0, -1):
-        total = 1 - x * (total / (k + 1))
+    for k in range(DECAY_TERMS[is_double(x)], 0, -1):
+        total = 1 - x * (total * (1 / (k + 1)))
     return total
 
 

@@ -21,10 +21,12 @@ def imported(path: Path) -> set[str]:
 
 
 def test_brdf_imports_drjit_numpy_and_the_standard_library() -> None:
+    """And mpmath, if it is installed: for an exact answer that somebody has written in it."""
     allowed = {"drjit", "numpy", "brdf"} | sys.stdlib_module_names
     files = sorted((REPOSITORY / "brdf").rglob("*.py"))
     assert files
-    assert {path.name: imported(path) - allowed for path in files if imported(path) - allowed} == {}
+    found = {path.name: imported(path) - allowed for path in files if imported(path) - allowed}
+    assert found == {"jet.py": {"mpmath"}, "outsider.py": {"mpmath"}}
 
 
 def test_importing_brdf_loads_no_renderer() -> None:

@@ -104,5 +104,4 @@ def lobe(n: Any, wi: Any, wo: Any) -> Any:
     """``c^n``; 0 where ``c <= 0``. The angles to the thread are those of two vectors in a half plane through it."""
     sin_i, sin_o = sine(wi), sine(wo)
     near = dr.square(wo.x + wi.x) + dr.square(sin_o - sin_i)
-    far = dr.square(wo.x - wi.x) + dr.square(sin_o + sin_i)
-    return cosine_power(near, far, sin_i * sin_o - wi.x * wo.x, n)
+    return cosine_power(near, sin_i * sin_o - wi.x * wo.x, n)

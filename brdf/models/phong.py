@@ -93,4 +93,4 @@ class Phong(Model):
 def lobe(n: Any, wi: Any, wo: Any) -> Any:
     """``a^n``, symmetric in `wi` and `wo` bit for bit; 0 where ``a <= 0``."""
     r = geometry.reflect(wi)
-    return cosine_power(geometry.square(wo - r), geometry.square(wo + r), dr.dot(wo, r), n)
+    return cosine_power(geometry.square(wo - r), dr.dot(wo, r), n)

@@ -233,7 +233,7 @@ ORDERS = {
     "Smith's G1 falls with m": Order(lambda x, w, u: microfacet.smith_g1(w, x), 1e-6, 3.0, -1),
     "G1 of GGX falls with m": Order(lambda x, w, u: microfacet.ggx_g1(w, x), 1e-6, 3.0, -1),
     "a power of a cosine falls with the exponent": Order(
-        lambda x, w, u: cosine_power(u, 2 - u, 1 - u, x), 1e-6, 1e6, -1
+        lambda x, w, u: cosine_power(u, 1 - 0.5 * u, x), 1e-6, 1e6, -1
     ),
     "what passes a layer falls with its thickness": Order(lambda x, w, u: layer(x, w, u, thickness=x), 1e-8, 1e6, -1),
     "what passes a layer falls with absorption": Order(lambda x, w, u: layer(x, w, u, sigma_a=x), 1e-8, 1e4, -1),
