@@ -73,6 +73,7 @@ CASES |= {
     "diffusion": Case(B["diffusion"](), {"eta": 10.0}, 1.0, 0),
     "glazed": Case(B["glazed"](), {"eta": 10.0}, 1.0, 1),
     "layer-back": Case(B["hanrahankrueger"](), {"g": -0.95, "eta": 1.0}, 0.05, 0),
+    "layer-over": Case(B["hanrahankrueger"](), {"g": 0.95, "eta": 1.0}, 0.05, 0),
     "layer-forth": Case(B["hanrahankrueger"](), {"g": 0.95, "eta": 1.0}, 0.05, 1),
     "grooves": Case(B["grooved"](), {"exponent": 1e4, "spacing": 20.0, "height": 0.999, **WHITE}, 0.01, 1),
 }
