@@ -69,9 +69,12 @@ def reflect(w: Any) -> Any:
 
 
 def reflect_about(w: Any, m: Any) -> Any:
-    """The mirror image of `w` about the unit vector `m`: ``2 (w.m) m - w``, of unit length to rounding."""
-    out = m * (2 * (w.x * m.x + w.y * m.y + w.z * m.z)) - w
-    return out * dr.rsqrt(square(out))
+    """The mirror image of `w` about `m`, of whatever length: ``2 (w.m) / |m|^2 m - w``, as long as `w` to rounding.
+
+    It is not brought to unit length: only of two equally long directions is the sum along `m`. At grazing incidence, a
+    rounding of the length turns the half vector by that over the cosine.
+    """
+    return m * (2 * (w.x * m.x + w.y * m.y + w.z * m.z) / square(m)) - w
 
 
 def refract(w: Any, eta: Any) -> tuple[Any, Any]:

@@ -19,3 +19,15 @@ def variations() -> list[Model]:
 def named(model: Model) -> str:
     """A test's id: the name, and the choices made."""
     return "-".join([model.name, *(str(v) for v in vars(model).values())])
+
+
+def ends(model: Model) -> list[dict[str, float]]:
+    """Settings at the bounds: the defaults, each number at either of its ends, and all of them at once.
+
+    The colours at their ends are those that are not reflectances.
+    """
+    parameters = [p for p in model.parameters() if p.kind == "number" or p.bounds != (0.0, 1.0)]
+    made: list[dict[str, float]] = [{}]
+    for end in (0, 1):
+        made += [{p.name: p.bounds[end] for p in parameters}, *({p.name: p.bounds[end]} for p in parameters)]
+    return [one for i, one in enumerate(made) if one not in made[:i]]

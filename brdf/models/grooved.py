@@ -127,8 +127,7 @@ class Grooved(Model):
         log_cos = log1p(-u.x) / (p.exponent + 1)
         cos, sin = dr.exp(log_cos), dr.sqrt(-expm1(2 * log_cos))
         y, x = dr.sincos(dr.two_pi * u.y)
-        between = vector(wi.x, wi.y, wi.z + 1)
-        about_wi = geometry.reflect_about(vector(sin * x, sin * y, cos), between * dr.rsqrt(geometry.square(between)))
+        about_wi = geometry.reflect_about(vector(sin * x, sin * y, cos), vector(wi.x, wi.y, wi.z + 1))
         wo = geometry.reflect_about(about_wi, m)
         # What cannot leave from there is lost.
         up = wo.z > 0

@@ -33,8 +33,9 @@ class HanrahanKrueger(Model):
     ``tau = 88`` on it is infinitely thick in float32; the largest `thickness` makes any but the clearest material so.
 
     The scattered lobes are called diffuse, since reflection has no highlight, whatever `g`. The peak of width 1 - g
-    about the straight direction (for g < 0 about `wi`) is sampled as one, the rest by the cosine. Both lobes are
-    reciprocal bit for bit: built from sums, products, the larger and the smaller of two.
+    about the straight direction (for g < 0 about `wi`) is sampled as one, at grazing also where it reaches over to the
+    other side; the rest by the cosine. Both lobes are reciprocal bit for bit: built from sums, products, the larger and
+    the smaller of two.
 
     A picture depends on ``sigma_s thickness`` and ``sigma_a thickness`` alone: fix the thickness and fit the other two.
     Of an infinite layer it depends on ``sigma_s / sigma_a``; of a thin one on ``sigma_s thickness``, and sigma_a hardly
@@ -96,34 +97,40 @@ class HanrahanKrueger(Model):
         return Ideal(-wi, unscattered(p, geometry.unit(wi)))
 
     def sample(self, p: Values, wi: Any, u: Any, lobe: int) -> Any:
-        axis, g, side = self.around(p, wi, lobe)
+        axis, g, share, side = self.around(p, wi, lobe)
         w = geometry.cosine_hemisphere(u, wi)
         h = geometry.about(axis, henyey_greenstein_sample(u, g, wi))
         h = type(wi)(h.x, h.y, abs(h.z))
-        w = dr.select(u.z < g, h, w)
+        w = dr.select(u.z < share, h, w)
         return type(wi)(w.x, w.y, dr.mulsign(w.z, side))
 
     def pdf(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any, Any]:
         return self.density(p, wi, wo, 0), self.density(p, wi, wo, 1), 0.0
 
     def density(self, p: Values, wi: Any, wo: Any, lobe: int) -> Any:
-        axis, g, _ = self.around(p, wi, lobe)
+        axis, g, share, _ = self.around(p, wi, lobe)
         z = abs(wo.z)
         up, down = type(wi)(wo.x, wo.y, z), type(wi)(wo.x, wo.y, -z)
         both = henyey_greenstein(-axis, up, g) + henyey_greenstein(-axis, down, g)
-        return (1 - g) * z * dr.inv_pi + g * both
+        return (1 - share) * z * dr.inv_pi + share * both
 
-    def around(self, p: Values, wi: Any, lobe: int) -> tuple[Any, Any, Any]:
-        """Axis and `g` of the peak of a lobe as seen from outside, turned upwards, and where up is.
+    def around(self, p: Values, wi: Any, lobe: int) -> tuple[Any, Any, Any, Any]:
+        """Axis and `g` of a lobe's peak as seen from outside, turned upwards; its share of the samples; where up is.
 
-        Refracted outwards a peak is wider by `eta`: its `g` there has ``(1 - g)^2 / g`` larger by ``eta^2``. Without a
-        peak on that side it is 0.
+        Refracted outwards a peak is wider by `eta`: its `g` there has ``(1 - g)^2 / g`` larger by ``eta^2``. A peak on
+        the other side reaches over to this one if it grazes, inside, by about its width 1 - g.
         """
         sign = 1.0 if lobe == 0 else -1.0
-        g = dr.maximum(-sign * p.g, 0)
+        forward = dr.select(p.g > 0, -1.0, 1.0)
+        g = abs(p.g)
         width = p.eta * (1 - g)
         outside = 4 * g / dr.square(width + dr.sqrt(width * width + 4 * g))
-        return type(wi)(sign * wi.x, sign * wi.y, abs(wi.z)), outside, sign * wi.z
+        here = sign * p.g < 0
+        c = abs(inside(wi, p.eta).z)
+        least = dr.square(1 - g)
+        reach = least / (least + g * c * c)
+        share = outside * dr.select(here, 1, reach)
+        return type(wi)(forward * wi.x, forward * wi.y, abs(wi.z)), outside, share, sign * wi.z
 
     def choose(self, p: Values, wi: Any) -> tuple[Any, Any, Any]:
         m = abs(inside(wi, p.eta).z)

@@ -86,7 +86,6 @@ class Ward(Model):
         radius = dr.sqrt(-log1p(-u.x))
         s, c = dr.sincos(dr.two_pi * u.y)
         h = type(wi)(p.alpha_u * radius * c, p.alpha_v * radius * s, 1)
-        h *= dr.rsqrt(geometry.square(h))
         return geometry.reflect_about(wi, microfacet.vcavity_visible(h, wi, u.z))
 
     def pdf(self, p: Values, wi: Any, wo: Any) -> tuple[Any, Any]:

@@ -262,18 +262,19 @@ def test_sampling(lobe: int, eta: float, g: float) -> None:
         assert abs(weight.mean() - want.mean()) < 4.5 * error
 
 
-def test_a_peak_is_sampled_better_than_by_the_cosine() -> None:
-    """g = .95, seen at 60 degrees through sides of 1.5: the cosine has a standard deviation of 6.1 times the mean."""
+@pytest.mark.parametrize(("mu", "eta", "lobe"), [(0.5, 1.5, TRANSMITTED), (1e-3, 1.0, REFLECTED)])
+def test_a_peak_is_sampled_better_than_by_the_cosine(mu: float, eta: float, lobe: int) -> None:
+    """g = .95, seen at 60 degrees through sides of 1.5; and from grazing, where it reaches over to the side of `wi`."""
     vector = VECTORS["float64"]
     u = vector(*np.random.default_rng(3).random((3, 1 << 16)))
-    p = values(vector, 1.0, 0.1, 1.0, 0.95, 1.5)
-    wi = seen(vector, 0.5)
+    p = values(vector, 1.0, 0.1, 1.0, 0.95, eta)
+    wi = seen(vector, mu)
     spread = []
     for wo, density in (
-        (MODEL.sample(p, wi, u, TRANSMITTED), lambda w: MODEL.pdf(p, wi, w)[TRANSMITTED]),
-        (Model.sample(MODEL, p, wi, u, TRANSMITTED), lambda w: abs(w.z) / np.pi),
+        (MODEL.sample(p, wi, u, lobe), lambda w: MODEL.pdf(p, wi, w)[lobe]),
+        (Model.sample(MODEL, p, wi, u, lobe), lambda w: abs(w.z) / np.pi),
     ):
-        weight = to_numpy(f(wi, wo, 1.0, 0.1, 1.0, 0.95, 1.5) * abs(wo.z) / density(wo))
+        weight = to_numpy(f(wi, wo, 1.0, 0.1, 1.0, 0.95, eta) * abs(wo.z) / density(wo))
         spread.append(weight.std() / weight.mean())
     assert spread[0] < spread[1] / 10
 
