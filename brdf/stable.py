@@ -51,7 +51,7 @@ def cosine_power(near: Any, far: Any, dot: Any, n: Any) -> Any:
     Returns
     -------
     float
-        In [0, 1]; the same with a and b exchanged, bit for bit. NaN where `dot` is.
+        In [0, 1]; the same with a and b exchanged, bit for bit. NaN where `dot` or `n` is.
     """
     total = near + far
     away = 2 * near / total
@@ -59,7 +59,7 @@ def cosine_power(near: Any, far: Any, dot: Any, n: Any) -> Any:
     log_near = log1p(-dr.select(small, away, 0))
     log_far = dr.log(dr.select(small | (dot <= 0), 1, 4 * dot / total))
     e = dr.maximum(n * dr.select(small, log_near, log_far), -EXPONENT_CAP[is_double(dot)])
-    return dr.select(dot <= 0, 0, dr.exp(e))  # NaN stays NaN
+    return dr.select((dot <= 0) & (n >= 0), 0, dr.exp(e))  # neither holds with NaN, which stays
 
 
 def cosine_integral(n: Any) -> Any:
