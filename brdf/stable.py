@@ -53,7 +53,7 @@ def cosine_power(near: Any, dot: Any, n: Any) -> Any:
     Returns
     -------
     float
-        In [0, 1]; the same with a and b exchanged, bit for bit. NaN where `dot` is.
+        In [0, 1]; the same with a and b exchanged, bit for bit. NaN where `dot` or `n` is.
     """
     below = dot <= 0  # not for NaN
     twice = dr.select(below, 1, 2 * dot)
@@ -63,7 +63,8 @@ def cosine_power(near: Any, dot: Any, n: Any) -> Any:
     cos = dr.select(small, 1 - away, twice * per)
     log = dr.log(cos)
     log = with_gradient(log + dr.select(small, (1 - cos) - away, 0), log)  # as in log1p
-    return dr.select(below, 0, dr.exp(dr.maximum(n * log, -EXPONENT_CAP[is_double(dot)])))
+    e = dr.maximum(n * log, -EXPONENT_CAP[is_double(dot)])
+    return dr.select(below & (n >= 0), 0, dr.exp(e))  # neither holds with NaN, which stays
 
 
 def cosine_integral(n: Any) -> Any:
