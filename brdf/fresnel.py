@@ -13,8 +13,8 @@ import drjit as dr
 
 from .stable import atanh_rest, is_double, with_gradient
 
-#: (float32, float64) A fourth power of an amplitude up to which it is as good as 0, but has a derivative.
-VANISHING = (1e-37, 1e-300)
+#: (float32, float64) The square of an index so small that F is 1; the square of this has an inverse, for a derivative.
+VANISHING = (3e-19, 1e-150)
 
 
 def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
@@ -120,7 +120,8 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     t = dr.select(s2 < 0.5, (eta - k) * (eta + k) - s2, near + c * c)
     positive = t >= 0
     product = eta * k
-    modulus = dr.sqrt(dr.maximum(t * t + 4 * product * product, VANISHING[is_double(t)]))
+    vanishing = VANISHING[is_double(t)]
+    modulus = dr.sqrt(dr.maximum(t * t + 4 * product * product, vanishing * vanishing))
     w = dr.sqrt(0.5 * (modulus + dr.select(positive, t, -t)))
     z = product / w
     a, b = dr.select(positive, w, z), dr.select(positive, z, w)
@@ -128,12 +129,9 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     b2, ac, bc = b * b, a * c, b * c
     bottom = more * more + b2
     minus, plus, bc2 = ac - s2, ac + s2, bc * bc
-    bottom_p = plus * plus + bc2
-    # Squared last: that of eta and k next to 0 at normal incidence overflows in a derivative, and of both at 0 is 0.
-    scale = 1 / dr.sqrt(dr.select(bottom_p <= 0, 1, bottom_p))
-    low = 0.5 * (less * less + b2) / bottom * (1 + (dr.square(minus * scale) + dr.square(bc * scale)))
-    larger = dr.square(a * scale) + dr.square(b * scale) + s2 * scale * scale
-    transmitted = 2 * ac / bottom * (1 + larger)
+    bottom_p = dr.maximum(plus * plus + bc2, vanishing)  # eta and k next to 0 at normal incidence
+    low = 0.5 * (less * less + b2) / bottom * (1 + (minus * minus + bc2) / bottom_p)
+    transmitted = 2 * ac / bottom * (1 + (a * a + b2 + s2) / bottom_p)
     return dr.select(low < 0.5, low, 1 - transmitted)
 
 
