@@ -13,8 +13,8 @@ import drjit as dr
 
 from .stable import atanh_rest, is_double, with_gradient
 
-#: (float32, float64) A fourth power of an amplitude up to which it is as good as 0, but has a derivative.
-VANISHING = (1e-37, 1e-300)
+#: (float32, float64) The square of an index so small that F is 1; the square of this has an inverse, for a derivative.
+VANISHING = (3e-19, 1e-150)
 
 #: Below this ``R_s`` F is taken from itself, above it from ``1 - F``: F is then between .35 and .7.
 RS_MIDDLE = 0.7
@@ -127,17 +127,17 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     less, more, square = eta - 1, eta + 1, (eta - k) * (eta + k)
     t = dr.select(s2 < 0.5, square - s2, less * more - k2 + c2)
     positive = t >= 0
-    modulus2 = t * t + product * product
-    none = modulus2 <= 0  # refracted: eta = k = 0 at normal incidence, or k = 0 at the critical angle; not for NaN
-    modulus = dr.sqrt(dr.select(none, 1, modulus2))
+    vanishing = VANISHING[is_double(t)]
+    modulus = dr.sqrt(dr.maximum(t * t + product * product, vanishing * vanishing))
     w = dr.sqrt(2 * (modulus + dr.select(positive, t, -t)))
     ac = c * dr.select(positive, w, 2 * product / w)  # 2 a c
-    s, p = 1 / (modulus + c2 + ac), 1 / (modulus * c2 + s2 * (s2 + ac))
+    s = 1 / (modulus + c2 + ac)
+    p = 1 / dr.maximum(modulus * c2 + s2 * (s2 + ac), vanishing)  # eta and k next to 0 at normal incidence
     rs = ((less * less + k2) * s) * ((more * more + k2) * s)
     low = rs < RS_MIDDLE
     x, y = (square * c2 - s2) * p, product * c2 * p
     part = dr.select(low, 0.5 * rs, ac * s) * (1 + dr.select(low, x * x + y * y, (modulus + s2) * p))
-    return dr.select(none, 1, dr.select(low, part, 1 - part))
+    return dr.select(low, part, 1 - part)
 
 
 def fresnel_schlick(c: Any, s2: Any, eta: Any) -> Any:
