@@ -68,6 +68,9 @@ def command(
             "--hard", help="Instead: value and derivatives at hard points, against exact answers, in roundings."
         ),
     ] = False,
+    peers: Annotated[
+        bool, typer.Option("--peers", help="With --hard: Mitsuba's own functions and BSDFs on the same points.")
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Check BSDFs: reciprocity, energy, sampling, gradients, hostile inputs, where the highlight is.
@@ -79,14 +82,9 @@ def command(
     }
     defaults = once("-D", [pair(d, "-D", "NAME=VALUE") for d in define])
     known(only)
-    if hard:
-        return hard_cases(
-            what,
-            everything,
-            {"--set": given, "--bsdf": bsdf, "--only": only, "--plot": plot, "--out": out, "-D": define},
-            modules,
-            as_json,
-        )
+    if hard or peers:
+        others = {"--set": given, "--bsdf": bsdf, "--only": only, "--plot": plot, "--out": out, "-D": define}
+        return hard_cases(what, everything, peers and hard, {**others, "--peers": not hard}, modules, as_json)
     asked = request(what, everything, settings, bsdf, defaults, modules)
 
     from .. import checking
@@ -121,13 +119,17 @@ def command(
     return INTERRUPTED if not checked.complete else 1 if checked.unexpected() else 0
 
 
-def hard_cases(what: str | None, everything: bool, others: Mapping[str, Any], modules: list[str], as_json: bool) -> int:
-    """``--hard``."""
+def hard_cases(
+    what: str | None, everything: bool, peers: bool, others: Mapping[str, Any], modules: list[str], as_json: bool
+) -> int:
+    """``--hard``; `others` are the options that were given and do not go with it."""
     for option, is_given in others.items():
+        if is_given and option == "--peers":
+            raise UsageError("--peers goes with --hard: brdf check --hard --peers.")
         if is_given:
             raise UsageError(f"{option} does not go with --hard, which asks a model at points of its own.")
-    if everything == (what is not None):
-        raise UsageError("--hard: name a model, or bricks, or give --all.")
+    if (everything and what is not None) or not (everything or what or peers):
+        raise UsageError("--hard: name a model, or bricks, or give --all; with --peers none is needed.")
     llvm.require()
     import mitsuba as mi
 
@@ -140,9 +142,10 @@ def hard_cases(what: str | None, everything: bool, others: Mapping[str, Any], mo
     from .. import hard
     from .check_hard import check_hard
 
-    asked = hard.all_formulas() if what is None else hard.by_name(what)
-    words = ["brdf", "check", what or "--all", "--hard", *(word for m in modules for word in ("--import", m))]
-    return check_hard(asked, as_json, shlex.join(words))
+    asked = hard.all_formulas() if everything else hard.by_name(what) if what else []
+    named = ["--all"] if everything else [what] if what else []
+    words = ["brdf", "check", *named, "--hard", *(["--peers"] if peers else [])]
+    return check_hard(asked, peers, as_json, shlex.join([*words, *(w for m in modules for w in ("--import", m))]))
 
 
 def value(text: str) -> Any:

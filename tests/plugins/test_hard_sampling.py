@@ -15,7 +15,7 @@ from brdf import Model
 from brdf.checks.directions import at_angle
 from plugins.checks import chi2
 from plugins.checks.subject import BsdfSubject
-from plugins.hard_sampling import ALL, ALPHAS, OURS, SAMPLES, hard_sampling
+from plugins.hard.sampling import ALL, ALPHAS, OURS, SAMPLES, hard_sampling
 from tests.models import ends, named, variations
 from tests.oracles import directions
 from tests.plugins.hits import array, interaction

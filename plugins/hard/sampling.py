@@ -13,7 +13,7 @@ import numpy as np
 from brdf import microfacet
 from brdf.checks.values import opaque
 
-from .registry import register
+from ..registry import register
 
 #: Roughness of the lobes, and samples of each.
 ALPHAS, SAMPLES = (1e-4, 1e-3, 1e-2), 1 << 17
