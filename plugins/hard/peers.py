@@ -53,10 +53,10 @@ def compare(answers: Callable[[str], Exact] = load) -> Iterator[Pair]:
 
 
 def accepted(formula: Formula, exact: Exact) -> Exact:
-    """The points whose roughness Mitsuba's microfacet code does not replace by a larger one."""
+    """The points whose roughness is above the least that Mitsuba's microfacet code takes, where its derivatives end."""
     keep = np.ones(len(exact), dtype=bool)
     for name in set(ROUGHNESS) & set(formula.inputs):
-        keep &= exact.inputs[formula.inputs.index(name)] >= np.float32(SMALLEST_ALPHA)
+        keep &= exact.inputs[formula.inputs.index(name)] > np.float32(SMALLEST_ALPHA)
     return exact.some(keep)
 
 

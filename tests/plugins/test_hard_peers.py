@@ -52,18 +52,19 @@ def test_judged_on_the_same_points(name: str) -> None:
 
 
 def test_what_is_known_of_them() -> None:
-    """Their GGX's D is as good as ours; their masking of Beckmann's facets is a fit."""
-    assert found()["MicrofacetDistribution.eval, GGX"].theirs.value <= 4
+    """Their GGX is as good as ours; their masking of Beckmann's facets is a fit."""
+    for name in ("MicrofacetDistribution.eval, GGX", "MicrofacetDistribution.smith_g1, GGX"):
+        assert found()[name].theirs.passed, found()[name].theirs.sentence()
     fit = found()["MicrofacetDistribution.smith_g1, Beckmann"].theirs.value
     assert 1e3 < fit < 0.005 * 2**23  # half a per cent
 
 
 def test_refuses_what_they_replace() -> None:
-    """Roughness below their least is left out, that itself is not."""
+    """Roughness up to their least is left out: there their derivative is 0."""
     formula = FORMULAS["beckmann_d"]
     inputs = np.repeat(formula.draw(1, 1), 3, axis=1)
     inputs[formula.inputs.index("m")] = np.array([0.99 * SMALLEST_ALPHA, SMALLEST_ALPHA, 0.1], dtype=np.float32)
-    assert len(peers.accepted(formula, exact(formula, inputs, processes=1))) == 2
+    assert len(peers.accepted(formula, exact(formula, inputs, processes=1))) == 1
 
 
 def test_a_parameter_for_each_point() -> None:
