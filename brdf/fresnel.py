@@ -128,7 +128,9 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     t = dr.select(s2 < 0.5, square - s2, less * more - k2 + c2)
     positive = t >= 0
     vanishing = VANISHING[is_double(t)]
-    modulus = dr.sqrt(dr.maximum(t * t + product * product, vanishing * vanishing))
+    modulus2 = t * t + product * product
+    mirror = modulus2 <= vanishing * vanishing  # selected, not a floor: its derivative, masked by 0, would be infinite
+    modulus = dr.sqrt(dr.select(mirror, 1, modulus2))
     w = dr.sqrt(2 * (modulus + dr.select(positive, t, -t)))
     ac = c * dr.select(positive, w, 2 * product / w)  # 2 a c
     s = 1 / (modulus + c2 + ac)
@@ -137,7 +139,7 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     low = rs < RS_MIDDLE
     x, y = (square * c2 - s2) * p, product * c2 * p
     part = dr.select(low, 0.5 * rs, ac * s) * (1 + dr.select(low, x * x + y * y, (modulus + s2) * p))
-    return dr.select(low, part, 1 - part)
+    return dr.select(mirror, 1, dr.select(low, part, 1 - part))
 
 
 def fresnel_schlick(c: Any, s2: Any, eta: Any) -> Any:
