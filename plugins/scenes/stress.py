@@ -107,7 +107,7 @@ def xml() -> str:
     root = ElementTree.fromstring(ROOM)
     for ball in balls():
         shape = ElementTree.SubElement(root, "shape", type="sphere", id=ball.id)
-        ElementTree.SubElement(shape, "point", name="center", **dict(zip("xyz", map(repr, ball.at), strict=True)))
+        ElementTree.SubElement(shape, "point", {"name": "center", **dict(zip("xyz", map(repr, ball.at), strict=True))})
         ElementTree.SubElement(shape, "float", name="radius", value=repr(ball.radius))
         bsdf = ElementTree.SubElement(shape, "bsdf", type=ball.bsdf["type"])
         for key, value in list(ball.bsdf.items())[1:]:
