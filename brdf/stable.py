@@ -18,8 +18,12 @@ REST_SERIES = tuple(2 * j / math.factorial(2 * j + 1) for j in range(1, 10))
 
 
 def log1p(x: Any) -> Any:
-    """``log(1 + x)`` to a few roundings for small `x` (Kahan: ``log(u) x / (u - 1)`` with ``u = 1 + x`` rounded)."""
-    u = 1 + x
+    """``log(1 + x)`` to a few roundings for small `x`."""
+    return log_near_one(1 + x, x)
+
+
+def log_near_one(u: Any, x: Any) -> Any:
+    """``log(u)`` to a few roundings, where ``u = 1 + x`` is rounded and `x` is not (Kahan: ``log(u) x / (u - 1)``)."""
     d = u - 1
     exact = dr.detach(d) == 0
     value = dr.select(exact, x, dr.log(u) * (x / dr.select(exact, 1, d)))
