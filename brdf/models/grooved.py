@@ -265,7 +265,7 @@ class Phong:
         self.s, self.c = dr.sincos(self.bisector)
         # ``R.wo = cos(2 t) (zi zo - xi xo) + sin(2 t) (xi zo + zi xo) - yi yo``, t the angle of the normal from z
         self.along, self.turned = 2 * both * (wi.z * wo.z - wi.x * wo.x), 2 * both * (wi.x * wo.z + wi.z * wo.x)
-        self.aside = 2 * both * wi.y * wo.y
+        self.aside = 2 * both * (wi.y * wo.y)
         #: On the floor: there v is the squared distance from the mirror image, without a detour by angles.
         self.floor = self.power(
             (dr.square(wi.x + wo.x) + along2 + dr.square(wi.z - wo.z)) * both, self.along - self.aside
