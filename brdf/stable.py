@@ -18,12 +18,16 @@ REST_SERIES = tuple(2 * j / math.factorial(2 * j + 1) for j in range(1, 10))
 
 
 def log1p(x: Any) -> Any:
-    """``log(1 + x)`` to a few roundings, also for small `x`: ``log(u) + (x - (u - 1))`` with ``u = 1 + x`` rounded.
+    """``log(1 + x)`` to a few roundings, also for small `x`."""
+    return log_near_one(1 + x, x)
+
+
+def log_near_one(u: Any, x: Any) -> Any:
+    """``log(u)`` to a few roundings, where ``u = 1 + x`` is rounded and `x` is not: ``log(u) + (x - (u - 1))``.
 
     The bracket is exactly what the rounding took. The series has it over `u`: up to ``u = 2`` this makes less than a
     rounding, and beyond the bracket itself does.
     """
-    u = 1 + x
     log = dr.log(u)
     return with_gradient(log + dr.select(u < 2, x - (u - 1), 0), log)
 

@@ -163,6 +163,8 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         longer = LONGER * allowed
         size = np.abs(p)
         forgiven = np.where(p == 0, np.maximum(longer, AT_ZERO), longer * np.maximum(np.maximum(1 / size, size), 1))
+        # And as many times more as a derivative, near grazing say, is larger than the value that has underflowed.
+        forgiven = np.fmax(forgiven, allowed * (exact.slope_scale / exact.value_scale))
         slope_c = np.maximum(
             *(off(g, exact.slope, forgiven, eps * exact.slope_scale) for g in (got.reverse, got.forward))
         )

@@ -34,7 +34,10 @@ class Limits(NamedTuple):
 
 SHARP = Limits(4, 4)  # D, G, Ward, Blinn, Hanrahan and Krueger, dipole, Schlick
 DIELECTRIC = Limits(8, 16)
-CONDUCTOR = Limits(8, 32, 0.99)
+#: At all points, not 99 of 100. Beyond there used to be metals near 1 and nearly clear ones, where the reflectance
+#: goes to 1, and is 1 - T now; and k = 0 next to the critical angle, where the derivative in k is 0 and the exact
+#: answers had what a step leaves of the second one.
+CONDUCTOR = Limits(8, 32)
 FACETS = Limits(4, 8)  # Cook and Torrance on a dielectric; Phong
 
 

@@ -23,6 +23,7 @@ from .formulas import (
     ALBEDO,
     CONDUCTOR,
     DIELECTRIC,
+    FACETS,
     SHARP,
     WI,
     WO,
@@ -43,6 +44,9 @@ THROUGH = Limits(SHARP.value, DIELECTRIC.slope)
 #: times either of them, and its condition half of the inverse: the five roundings or so of either count twice, and
 #: there are two arcs.
 ARCS = Limits(SHARP.value, 16)
+#: The lobe in a groove: Phong's, and as much again for the places of the rule, which are rounded angles. The error of
+#: the rule is below one rounding.
+GROOVED = Limits(2 * FACETS.value, 2 * ARCS.slope)
 #: Of a layer without a name: from next to nothing to all.
 DECADES = among(tuple(10.0**e for e in range(-8, 7)))
 ASYMMETRY = among((-0.95, -0.5, -1e-3, 0.0, 1e-6, 0.1, 0.5, 0.9, 0.95))
@@ -172,6 +176,6 @@ SMOOTH: list[Formula] = [
     whole(Diffusion(), THROUGH, SCATTERING, independent),
     whole(HanrahanKrueger(), THROUGH, LAYER, lambda p: 1 - np.abs(p["g"])),
     grooved("diffuse", ("reflectance", "spacing", "height"), ARCS),
-    grooved("phong", ("specular_reflectance", "exponent", "spacing", "height"), ARCS),
-    ideal(HanrahanKrueger(), 2, "unscattered", THROUGH, LAYER, ("sigma_s", "sigma_a", "thickness", "eta")),
+    grooved("phong", ("specular_reflectance", "exponent", "spacing", "height"), GROOVED),
+    ideal(HanrahanKrueger(), 2, "unscattered", DIELECTRIC, LAYER, ("sigma_s", "sigma_a", "thickness", "eta")),
 ]

@@ -11,22 +11,29 @@ import numpy as np
 from .. import geometry
 from ..model import Lobe, Model, Values
 from ..param import colour, number
-from ..stable import cube_remainder_of_sine, expm1, is_double, log1p, with_gradient
+from ..stable import EXPONENT_CAP, cube_remainder_of_sine, expm1, is_double, log1p, log_near_one, with_gradient
 
 #: (float32, float64) The Phong lobe is integrated where it is above exp(-this) of its maximum: as much as rounding.
-EFOLDS = (16.0, 32.0)
-#: (float32, float64) Points > 0 and weights of the Gauss-Legendre rule on [-1, 1], which is symmetric, of 18 and 32
-#: points. What is then left to the rule's error is below what rounding the directions does.
-RULES = tuple(
-    [(float(x), float(w)) for x, w in zip(*np.polynomial.legendre.leggauss(n), strict=True) if x > 0] for n in (18, 32)
-)
-#: Below this exponent the lobe ends with a kink. There the points crowd towards both ends, by ``x (15 - 10 x^2 + 3
-#: x^4)/8`` in place of x, which makes a power n of the distance from the end one of 3 n, and so a smooth one.
-KINKED = 4.0
+EFOLDS = (16.0, 34.0)
+#: (float32, float64) Points of the Gauss-Legendre rule. For a Gaussian its error, and what lies beyond the e-folds, are
+#: below one rounding.
+POINTS = (18, 40)
+#: (float32, float64) Below this exponent the lobe ends with a kink. There the points crowd towards both ends, by the
+#: integral of ``(1 - x^2)^p`` in place of x, p = 1 or 2: a power n of the distance from the end becomes ``(p + 1) n``.
+KINKED = (2.1, 4.0)
 #: The floor stays below the tops: at 1 nothing is left of the cylinders, and the derivative in `height` is infinite.
 HIGHEST = 0.999
-#: (float32, float64) The largest number below 1: ``log(1 - x)`` stays finite.
-BELOW_ONE = (1 - 2.0**-24, 1 - 2.0**-53)
+
+
+def rule(n: int, p: int) -> list[tuple[float, ...]]:
+    """Points > 0 and weights of Gauss and Legendre's rule of `n` points, and what crowding adds to either."""
+    x, w = (a[n // 2 :] for a in np.polynomial.legendre.leggauss(n))
+    crowded = np.polynomial.Polynomial([1, 0, -1]) ** p
+    crowded /= crowded.integ()(1)
+    return [tuple(map(float, row)) for row in zip(x, w, crowded.integ()(x) - x, w * (crowded(x) - 1), strict=True)]
+
+
+RULES = tuple(rule(n, p) for n, p in zip(POINTS, (1, 2), strict=True))
 
 
 class Grooved(Model):
@@ -242,7 +249,8 @@ class Phong:
     """``max(cos a, 0)^exponent`` of a pair of directions, as a function of the normal (s, 0, c).
 
     About the bisector of the directions across, at angle `t` from it: ``cos a = 1 - v``, ``v |w|^2 = ((ri - ro)^2 +
-    (yi + yo)^2) / 2 + 2 ri ro sin^2 t`` with `r` their lengths across. It is symmetric in the directions bit for bit.
+    (yi + yo)^2) / 2 + 2 ri ro sin^2 t`` with `r` their lengths across. Towards a right angle, where ``1 - v`` would
+    cancel, the cosine comes from products of components. It is symmetric in the directions bit for bit.
     """
 
     def __init__(self, exponent: Any, wi: Any, wo: Any) -> None:
@@ -254,19 +262,29 @@ class Phong:
         self.swing = 4 * ri * ro * both
         self.bisector = 0.5 * (dr.atan2(wi.x, wi.z) + dr.atan2(wo.x, wo.z))
         self.s, self.c = dr.sincos(self.bisector)
+        # ``R.wo = cos(2 t) (zi zo - xi xo) + sin(2 t) (xi zo + zi xo) - yi yo``, t the angle of the normal from z
+        self.along, self.turned = 2 * both * (wi.z * wo.z - wi.x * wo.x), 2 * both * (wi.x * wo.z + wi.z * wo.x)
+        self.aside = 2 * both * (wi.y * wo.y)
         #: On the floor: there v is the squared distance from the mirror image, without a detour by angles.
-        self.floor = self.power((dr.square(wi.x + wo.x) + along2 + dr.square(wi.z - wo.z)) * both)
+        self.floor = self.power(
+            (dr.square(wi.x + wo.x) + along2 + dr.square(wi.z - wo.z)) * both, self.along - self.aside
+        )
 
     def __call__(self, s: Any, c: Any) -> Any:
-        return self.at(s * self.c - c * self.s)
+        return self.at(s * self.c - c * self.s, s, c)
 
-    def at(self, sin: Any) -> Any:
-        """The lobe where the angle from the bisector has this sine."""
-        return self.power(self.least + self.swing * sin * sin)
+    def at(self, sin: Any, s: Any, c: Any) -> Any:
+        """The lobe of the normal (s, 0, c), whose angle from the bisector has this sine."""
+        far = (1 - 2 * s * s) * self.along + 2 * s * c * self.turned - self.aside
+        return self.power(self.least + self.swing * sin * sin, far)
 
-    def power(self, v: Any) -> Any:
-        """``max(1 - v, 0)^exponent``."""
-        return dr.select(v < 1, dr.exp(self.exponent * log1p(-dr.minimum(v, BELOW_ONE[self.double]))), 0)
+    def power(self, v: Any, cos: Any) -> Any:
+        """``max(cos, 0)^exponent``, from ``v = 1 - cos`` for small angles."""
+        near = v < 0.5
+        u = dr.select(near, 1 - v, cos)
+        some = dr.select(u > 0, u, 1)
+        log = log_near_one(some, dr.select(near, -v, some - 1))
+        return dr.select(u > 0, dr.exp(dr.maximum(self.exponent * log, -EXPONENT_CAP[self.double])), 0)
 
     def arc(self, weight: Callable[[Any, Any], Any], low: Any, high: Any) -> Any:
         """The integral of the lobe times ``weight(s, c)`` over the normals at angles `low` to `high`, within a right
@@ -285,17 +303,18 @@ class Phong:
         window = dr.detach(dr.select(inside, dr.asin(dr.sqrt(dr.minimum(edge, 1))), dr.pi))
         near, far = dr.maximum(low - self.bisector, -window), dr.minimum(high - self.bisector, window)
         low, high = dr.maximum(low, self.bisector - window), dr.minimum(high, self.bisector + window)
-        half = dr.maximum(0.5 * (far - near), 0)
+        half = dr.maximum(0.5 * (high - low), 0)  # near grazing the arc is short, and far from the bisector
         s, c = dr.sincos(0.5 * (low + high))
         ts, tc = dr.sincos(0.5 * (near + far))
         total = 0.0
-        crowd = dr.select(self.exponent < KINKED, 0.125 * half, 0)
-        for x, w in RULES[self.double]:
-            ds, dc = dr.sincos(half * x + crowd * (7 * x - 10 * x**3 + 3 * x**5))
-            weighs = half * w + crowd * (w * (7 - 30 * x**2 + 15 * x**4))
+        crowd = dr.select(self.exponent < KINKED[self.double], half, 0)
+        for x, w, shift, more in RULES[self.double]:
+            ds, dc = dr.sincos(half * x + crowd * shift)
+            weighs = half * w + crowd * more
             for sign in (1, -1):
                 d = sign * ds
-                total += weighs * (self.at(ts * dc + tc * d) * weight(s * dc + c * d, c * dc - s * d))
+                sin, cos = s * dc + c * d, c * dc - s * d
+                total += weighs * (self.at(ts * dc + tc * d, sin, cos) * weight(sin, cos))
         return total
 
 

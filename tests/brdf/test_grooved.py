@@ -7,11 +7,12 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from mpmath import mpf
 
 from brdf import Values, defaults, evaluate
 from brdf.models.grooved import Grooved, reach
 from tests.brdf.arrays import EPS, VECTORS, call, precision, single, to_numpy
-from tests.oracles import directions, grooves
+from tests.oracles import directions, grooves, layered
 
 WIDE = ("float32", "float64")
 #: Kernels with derivatives by the directions, or with sampling, take seconds to compile in float64.
@@ -58,6 +59,20 @@ def oracle() -> tuple[Any, Any]:
     given = cases(90, 1)
     wi, wo, n, d, h = given
     return given, np.array([grooves.grooved(*row) for row in zip(wi, wo, d, h, n, strict=True)])
+
+
+def test_the_exact_answers(oracle: Any) -> None:
+    """The ends in closed form and the quadrature of the hard points' oracle, against lines that are traced."""
+    given, want = oracle
+    some = range(0, 90, 7)
+    for k in some:
+        wi, wo, n, d, h = (a[k] for a in given)
+        numbers = {"exponent": mpf(n), "spacing": mpf(d), "height": mpf(h)}
+        diffuse, phong = (
+            layered.grooved(model, [mpf(x) for x in wi], [mpf(x) for x in wo], Values(**numbers, **tint))
+            for tint in ({"reflectance": 1}, {"specular_reflectance": 1})
+        )
+        np.testing.assert_allclose([float(diffuse), float(phong)], want[k], rtol=1e-10)
 
 
 def lobe(number: int) -> Any:
