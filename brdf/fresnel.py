@@ -18,6 +18,8 @@ VANISHING = (3e-19, 1e-150)
 
 #: Below this ``R_s`` F is taken from itself, above it from ``1 - F``: F is then between .35 and .7.
 RS_MIDDLE = 0.7
+#: And below this ``1 - F`` from F: it is then at least .65, and loses nothing.
+RS_SMALL = 0.35
 
 
 def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
@@ -48,7 +50,7 @@ def fresnel_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     cook1982, eq. for F; born1999, sec. 1.5.
     """
-    reflects, low, part = smaller(c, s2, eta)
+    reflects, low, part = smaller(c, s2, eta, RS_MIDDLE)
     return dr.select(reflects, 1, dr.select(low, part, 1 - part))
 
 
@@ -73,14 +75,14 @@ def transmittance_dielectric(c: Any, s2: Any, eta: Any) -> Any:
     ----------
     born1999, sec. 1.5.
     """
-    reflects, low, part = smaller(c, s2, eta)
+    reflects, low, part = smaller(c, s2, eta, RS_SMALL)
     return dr.select(reflects, 0, dr.select(low, 1 - part, part))
 
 
-def smaller(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
+def smaller(c: Any, s2: Any, eta: Any, below: float) -> tuple[Any, Any, Any]:
     """Whether all is reflected; if not, whether ``F`` is small, and then ``F``, else ``1 - F``, without a difference.
 
-    Whether F is small is told by ``r_s^2``, of which F is at least half and at most all. Both have the denominators
+    It is small where ``R_s < below``, of which F is at least half and at most all. Both have the denominators
     ``(c + g)^2`` and ``(c g + s2)^2``, since ``eta^2 c + g = (c + g) (c g + s2)``.
 
     No comparison holds with NaN, so conditions are written such that NaN goes where it is computed with.
@@ -92,7 +94,7 @@ def smaller(c: Any, s2: Any, eta: Any) -> tuple[Any, Any, Any]:
     cg = c * g
     a, q = 1 / (c + g), 1 / (cg + s2)
     rs = k * a * a
-    low = rs * rs < RS_MIDDLE
+    low = rs * rs < below
     ratio = dr.select(low, cg - s2, eta) * q
     return reflects, low, dr.select(low, 0.5 * rs * rs, 2 * cg * (a * a)) * (1 + ratio * ratio)
 

@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 
 from ..model import Model
-from ..models.diffusion import Diffusion
+from ..models.diffusion import Diffusion, total_reflectance
 from ..models.glass import Glass
 from ..models.glazed import Glazed
 from ..models.grooved import Grooved
@@ -118,6 +118,16 @@ def independent(p: Mapping[str, Array]) -> Array:
     return np.ones_like(next(iter(p.values())))
 
 
+def dipole(vector: Any, v: SimpleNamespace) -> Any:
+    """What comes up of even light inside."""
+    return total_reflectance(values(Diffusion(), vector, v)).x
+
+
+def coefficients(rng: np.random.Generator, n: int) -> Mapping[str, Array]:
+    """Of scattering, and the index."""
+    return {name: draw(rng, n) for name, draw in SCATTERING.items()}
+
+
 GLASS = {"eta": among(HARD["index"])}
 SCATTERING = {
     "sigma_s": among((1e-3, 0.1, 1.0, 10.0, 1e4)),
@@ -156,6 +166,12 @@ def grooved(part: str, numbers: tuple[str, ...], limits: Limits) -> Formula:
     )
 
 
+def without_sides() -> Formula:
+    """A layer of index 1: what scattering does, by itself."""
+    formula = whole(HanrahanKrueger(), SHARP, {**LAYER, "eta": among((1.0,))}, lambda p: 1 - np.abs(p["g"]))
+    return replace(formula, name="hanrahankrueger, without sides", by=tuple(q for q in formula.by if q != "eta"))
+
+
 SMOOTH: list[Formula] = [
     ideal(Mirror(), 0, "reflected", SHARP, {}),
     ideal(Metal(), 0, "reflected", CONDUCTOR, METAL),
@@ -174,7 +190,9 @@ SMOOTH: list[Formula] = [
     *glazed(fresnel="schlick"),
     *glazed(fresnel="constant"),
     whole(Diffusion(), THROUGH, SCATTERING, independent),
+    Formula("diffusion, dipole", "diffusion", tuple(SCATTERING), tuple(SCATTERING), dipole, coefficients, SHARP),
     whole(HanrahanKrueger(), THROUGH, LAYER, lambda p: 1 - np.abs(p["g"])),
+    without_sides(),
     grooved("diffuse", ("reflectance", "spacing", "height"), ARCS),
     grooved("phong", ("specular_reflectance", "exponent", "spacing", "height"), GROOVED),
     ideal(HanrahanKrueger(), 2, "unscattered", DIELECTRIC, LAYER, ("sigma_s", "sigma_a", "thickness", "eta")),

@@ -68,9 +68,13 @@ def glazed_mirror(choice: str) -> Answer:
     return Answer(lambda x, y, z, eta, kd, ks: ks * law(z, eta))
 
 
+def dipole(sigma_s: Any, sigma_a: Any, g: Any, eta: Any) -> Any:
+    inside = 1 - (1 - optics.fresnel_mean_closed(eta)) / eta**2
+    return optics.dipole_reflectance(sigma_s, sigma_a, g, eta, inside)
+
+
 def diffusion(model: Any, wi: Any, wo: Any, p: Any) -> Any:
-    inside = 1 - (1 - optics.fresnel_mean_closed(p.eta)) / p.eta**2
-    rd = optics.dipole_reflectance(p.sigma_s, p.sigma_a, p.g, p.eta, inside)
+    rd = dipole(p.sigma_s, p.sigma_a, p.g, p.eta)
     ti, to = (1 - textbook.fresnel_dielectric(w[2], p.eta) for w in (wi, wo))
     return ti * to * rd / mpmath.pi
 
@@ -135,6 +139,7 @@ BY_NAME = {
         lambda x, y, z, eta, ks, kt: glass_direction(x, y, z, eta)[1],
         kink=lambda x, y, z, eta, ks, kt: critical(z, eta),
     ),
+    "diffusion, dipole": Answer(dipole),
     "glazed, mirror": glazed_mirror("exact"),
     "glazed, schlick mirror": glazed_mirror("schlick"),
     "glazed, constant mirror": glazed_mirror("constant"),
