@@ -99,7 +99,10 @@ def look_closer(run: Run, growth: int) -> bool:
     at = start[problem.view] + problem.pixel
     before = np.concatenate(run.finer or [np.ones(size, dtype=np.int64) for size in sizes])
     linear = problem.linearize(run.x)
+    # Where they are, the scatter tells; how many, the halves, whose samples are spread more evenly than by chance.
     share = shares(run, linear, scatter(problem))
+    halves = shares(run, linear, problem.sampling(linear.r)).sum(axis=0)
+    share *= np.minimum(1.0, halves / np.maximum(share.sum(axis=0), 1e-300))
     wanted = np.sqrt(share * before[at, None])
     wanted = np.bincount(at, (wanted * wanted.sum(axis=0) / LEFT).max(axis=1, initial=0.0) / 3, len(before))
     count = len(at) // 3
