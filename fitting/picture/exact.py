@@ -42,6 +42,8 @@ class ExactPicture:
     samples : int
         Samples a pixel in each half.
     seed : int
+    finer : int array, shape (height * width,), optional
+        By what factor a pixel gets more samples than that. Default: 1 everywhere.
     """
 
     def __init__(
@@ -51,11 +53,16 @@ class ExactPicture:
         groups: list[tuple[mi.BSDF, npt.NDArray[np.int64]]],
         samples: int,
         seed: int,
+        finer: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        self.pixels = np.concatenate([pixels for _, pixels in groups])
         self.samples = samples
         rng = np.random.default_rng([seed, samples])
-        self.caches = [Cache(scene, sensor, bsdf, pixels, samples, rng) for bsdf, pixels in groups]
+        self.caches = []
+        for bsdf, pixels in groups:
+            factor = np.ones(len(pixels), dtype=np.int64) if finer is None else finer[pixels]
+            for f in np.unique(factor):
+                self.caches.append(Cache(scene, sensor, bsdf, pixels[factor == f], samples * int(f), rng))
+        self.pixels = np.concatenate([cache.pixels for cache in self.caches])
 
     def predict(self, reverse: bool = False) -> list[mi.Color3f]:
         return [cache.radiance(reverse) for cache in self.caches]
@@ -65,6 +72,20 @@ class ExactPicture:
         dr.eval(sums)
         whole = np.concatenate([np.array(each, dtype=np.float64).reshape(3, 2, -1) for each in sums], axis=2)
         return whole[:, 0], whole[:, 1]
+
+    def sampling(self) -> Array:
+        """Variance that the samples give the mean of the halves, shape (3, n), from their scatter within a pixel.
+
+        They are spread evenly, which the scatter does not know: it is less than this.
+        """
+        out = []
+        for cache in self.caches:
+            c, n = dr.detach(cache.radiance(False)), cache.samples
+            sums = [[dr.block_sum(power, n) for power in (channel, channel * channel)] for channel in c]
+            dr.eval(sums)
+            one, two = np.array(sums, dtype=np.float64).reshape(3, 2, 2, cache.count, -1).swapaxes(0, 1)
+            out.append((two - one**2 / n).sum(axis=(1, 3)) / 4)
+        return np.concatenate(out, axis=1)
 
     def unfold(self, halves: tuple[Array, Array]) -> list[mi.Color3f]:
         out, start = [], 0
@@ -91,7 +112,8 @@ class Cache:
         samples: int,
         rng: np.random.Generator,
     ) -> None:
-        self.bsdf, self.context, self.count = bsdf, mi.BSDFContext(), len(pixels)
+        self.bsdf, self.context = bsdf, mi.BSDFContext()
+        self.pixels, self.count, self.samples = pixels, len(pixels), samples
         emitters = scene.emitters()
         self.addends = len(emitters) * samples
         width, height = film_size(sensor)
