@@ -1,6 +1,7 @@
 """Plot the error of Cook and Torrance's model against roughness, and print what accuracy costs.
 
-``.venv/bin/python docs/hard.py`` writes docs/hard.png and prints the table; with ``--plot`` or ``--price`` only one.
+``.venv/bin/python docs/hard.py`` writes docs/hard.png, prints what accuracy costs, and what ``brdf check --all --hard
+--peers`` finds, a line for each model; with ``--plot``, ``--price`` or ``--models`` only one.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from pictures import INK, RULE, SERIES, SOFT, STYLE, card, heading  # noqa: E402
 
 from brdf.model import Values  # noqa: E402  (as above)
 from brdf.models.cooktorrance import CookTorrance  # noqa: E402  (as above)
-from plugins.hard import textbook  # noqa: E402  (as above)
+from fitting import hard  # noqa: E402  (as above)
+from plugins.hard import peers, textbook  # noqa: E402  (as above)
 from tests.bench import price  # noqa: E402  (as above)
 from tests.oracles import textbook as oracle  # noqa: E402  (as above)
 
@@ -186,10 +188,31 @@ def prepare(axes: Axes) -> None:
         spine.set_color(RULE)
 
 
+def models() -> str:
+    """What is found of every model of ours, and of Mitsuba's functions, as tables of Markdown."""
+    found = hard.run(hard.all_formulas()).to_json()
+    lines = ["| | points | value | derivative | largest | not finite |", "|---|---|---|---|---|---|"]
+    for name, m in found.items():
+        limits = {tuple(v["limits"]) for f in m["formulas"].values() for p, v in f.items() if p != "oracle"}
+        value, slope = (max(limit[i] for limit in limits) for i in (0, 1))
+        cells = [f"{m['value_c']:.1f} of {value:g}", f"{m['gradient_c']:.1f} of {slope:g}", f"{m['gradient_max']:.1f}"]
+        lines.append(f"| {name} | {m['points']} | {' | '.join(cells)} | {m['non_finite']} |")
+    lines += ["", "| Mitsuba's | value | ours | derivative | ours | not finite |", "|---|---|---|---|---|---|"]
+    for pair in peers.compare():
+        cells = [f"{getattr(v, what):.2g}" for what in ("value", "slope_max") for v in (pair.theirs, pair.ours)]
+        lines.append(f"| {pair.theirs.name} | {' | '.join(cells)} | {pair.theirs.not_finite} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
-    """Write the plot beside this file, and print the table."""
+    """Write the plot beside this file, and print the tables; those that are asked for."""
     mi.set_variant("llvm_ad_rgb")
-    if "--price" not in sys.argv:
+    asked = {word for word in ("--plot", "--price", "--models") if word in sys.argv} or {
+        "--plot",
+        "--price",
+        "--models",
+    }
+    if "--plot" in asked:
         found = errors()
         print("error of value, of derivative: median, 99 %, largest, share that is not finite")
         for name, form in found.items():
@@ -198,8 +221,10 @@ def main() -> None:
         with matplotlib.rc_context(STYLE):
             plot(found).savefig(HERE / "hard.png", metadata={"Software": None})
         print(HERE / "hard.png")
-    if "--plot" not in sys.argv:
+    if "--price" in asked:
         print(price.table(price.prices()))
+    if "--models" in asked:
+        print(models())
 
 
 if __name__ == "__main__":
