@@ -64,8 +64,8 @@ def value(folder: Path, name: str) -> float:
     return json.loads((folder / "fit.json").read_text())["parameters"][name]["value"]
 
 
-MAKE, PAINT, MOON, CHECK = blocks("sh")
-USE, MODEL, REGISTER, TESTED = blocks("python")
+MAKE, PAINT, MOON, CHECK, HARD = blocks("sh")
+USE, MODEL, REGISTER, TESTED, EXACT = blocks("python")
 SCENE, DUST, VASES = blocks("xml")
 
 
@@ -176,6 +176,30 @@ def test_checks_from_python(tmp_path: Path) -> None:
     assert python(TESTED, tmp_path).startswith("failed")
     said = run([sys.executable, "-m", "pytest", "-q", "-k", "reciprocity or energy", "test_mine.py"], tmp_path)
     assert "2 passed" in said
+
+
+@pytest.mark.slow
+def test_hard_cases(tmp_path: Path) -> None:
+    """Each line passes, and every model is in them."""
+    said = shell(HARD, tmp_path)
+    assert "none beyond the limits" in said
+    found = json.loads(said[said.index("{") : said.rindex("}") + 1])["models"]
+    assert set(found) == {"bricks", *builtin()}
+    for model in found.values():
+        assert model["passed"]
+        assert model["non_finite"] == 0
+        assert model["reciprocal"] is not False
+    assert "roughdielectric, reflection" in said
+
+
+def test_an_exact_formula(tmp_path: Path) -> None:
+    code = f"import mpmath, plugins, lommelseeliger\nfrom mpmath import mpf\n\nclass Exact:\n{EXACT}\n"
+    code += "lommelseeliger.LommelSeeliger.exact = Exact.exact\nplugins.register(lommelseeliger.LommelSeeliger)\n"
+    (tmp_path / "mine.py").write_text(code)
+    (tmp_path / "lommelseeliger.py").write_text(MODEL)
+    said = shell("brdf check lommelseeliger --hard --import mine", tmp_path)
+    assert "Judged by its formula in mpmath: lommelseeliger." in said
+    assert "none beyond the limits" in said
 
 
 def test_the_vases(tmp_path: Path) -> None:
