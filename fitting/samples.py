@@ -83,7 +83,8 @@ def shares(run: Run, linear: Linear, sampling: Array) -> Array:
 
 def scatter(problem: Problem) -> Array:
     """The variance of each residual by the fit's own samples, as they differ within a pixel."""
-    return np.concatenate([p.sampling().ravel() for p in problem.pictures if isinstance(p, ExactPicture)])
+    found = [p.sampling().ravel() for p in problem.pictures if isinstance(p, ExactPicture)]
+    return np.maximum(np.concatenate(found), 0.0)  # rounding leaves what is 0 a little below
 
 
 def look_closer(run: Run, growth: int) -> bool:
@@ -102,7 +103,7 @@ def look_closer(run: Run, growth: int) -> bool:
     # Where they are, the scatter tells; how many, the halves, whose samples are spread more evenly than by chance.
     share = shares(run, linear, scatter(problem))
     halves = shares(run, linear, problem.sampling(linear.r)).sum(axis=0)
-    share *= np.minimum(1.0, halves / np.maximum(share.sum(axis=0), 1e-300))
+    share *= np.clip(halves / np.maximum(share.sum(axis=0), 1e-300), 0.0, 1.0)
     wanted = np.sqrt(share * before[at, None])
     wanted = np.bincount(at, (wanted * wanted.sum(axis=0) / LEFT).max(axis=1, initial=0.0) / 3, len(before))
     count = len(at) // 3
