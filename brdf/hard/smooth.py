@@ -40,13 +40,12 @@ from .grid import HARD, METAL, Array, Draw, among
 #: A product of two transmittances with what is as exact as `SHARP`. The derivative of either may be off as `DIELECTRIC`
 #: says; the scale of the sum ``T_i' T_o + T_i T_o'`` is the sum of theirs, so that it is off by no more roundings.
 THROUGH = Limits(SHARP.value, DIELECTRIC.slope)
-#: Grooves: the derivative in `height` is what the floor gains less what the arcs lose. Near height = 1 it is 1 - height
-#: times either of them, and its condition half of the inverse: the five roundings or so of either count twice, and
-#: there are two arcs.
-ARCS = Limits(SHARP.value, 16)
-#: The lobe in a groove: Phong's, and as much again for the places of the rule, which are rounded angles. The error of
-#: the rule is below one rounding.
-GROOVED = Limits(2 * FACETS.value, 2 * ARCS.slope)
+#: Grooves: closed form, and derivatives in which what the floor gains and the arcs lose is put together first.
+ARCS = Limits(SHARP.value, 8)
+#: The lobe in a groove: Phong's. Near grazing the integral is nearly proportional to `spacing`, over which it is taken:
+#: the derivative in it is the small difference between the lobe at an end and on the mean, and of either the power of a
+#: cosine is off by as many roundings as the exponent has of it.
+GROOVED = Limits(FACETS.value, 32)
 #: Of a layer without a name: from next to nothing to all.
 DECADES = among(tuple(10.0**e for e in range(-8, 7)))
 ASYMMETRY = among((-0.95, -0.5, -1e-3, 0.0, 1e-6, 0.1, 0.5, 0.9, 0.95))
