@@ -22,7 +22,7 @@ POINTS = (22, 48)
 #: integral of ``(1 - x^2)^p`` in place of x, p = 1 or 3: a power n of the distance from the end becomes ``(p + 1) n``.
 KINKED = (3.0, 6.0)
 #: The series of arcsin to the ninth power. Gauss and Legendre's points, crowded at the ends, become nearly even by it,
-#: as a lobe in the middle needs them: three points do what four did (Hale and Trefethen).
+#: as a lobe in the middle needs them, and fewer do (Hale and Trefethen, 2008).
 EVEN = np.polynomial.Polynomial([0, 1, 0, 1 / 6, 0, 3 / 40, 0, 5 / 112, 0, 35 / 1152])
 #: The floor stays below the tops: at 1 nothing is left of the cylinders, and the derivative in `height` is infinite.
 HIGHEST = 0.999
@@ -31,7 +31,7 @@ HIGHEST = 0.999
 def gauss_legendre(n: int) -> tuple[Any, Any]:
     """Points > 0 and weights of Gauss and Legendre's rule of `n` points, to the last digit.
 
-    The sum of NumPy's weights is exact, but those at the ends are off by up to 4e-15: 18 roundings.
+    NumPy's weights add up, but are off by up to 1e-12, relative, at the ends.
     """
     points, weights = [], []
     for guess in np.polynomial.legendre.leggauss(n)[0][n // 2 :]:
