@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
@@ -274,10 +275,12 @@ def fit(
 def collector_paused() -> Iterator[None]:
     """Keeps the cyclic garbage collector from freeing a scene while Dr.Jit traces a BSDF written in Python.
 
-    That would end in a segmentation fault (Mitsuba 3.9.1).
+    That would end in a segmentation fault (Mitsuba 3.9.1). What is free by then, as the samples of an earlier fit, goes
+    back to the system: Dr.Jit keeps it, and one fit does not find use for all that another has left.
     """
     was = gc.isenabled()
     gc.collect()
+    dr.flush_malloc_cache()
     gc.disable()
     try:
         yield
