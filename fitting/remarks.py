@@ -18,8 +18,9 @@ INSEPARABLE = 0.95
 NOT_NOISE = 0.3
 #: Below this standard deviation, in the coordinate of its scale, nobody asks for more samples.
 FINE = 1e-3
-#: A standard deviation in a logarithmic coordinate beyond which a parameter is not determined.
-UNDETERMINED = 0.5
+#: A standard deviation in a logarithmic coordinate beyond which a parameter is not determined: the ends of its 95 %
+#: interval differ by a factor of 2.
+UNDETERMINED = 0.177
 #: Share of the fit's own sampling noise in the residual from which more samples would help.
 OWN_NOISE = 0.5
 
@@ -83,7 +84,7 @@ def origin(p: Param) -> float:
 
 
 def loose(parameters: Parameters, sd: Array, values: Array, at_bound: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Components of a logarithmic scale whose error bar spans a good part of a decade: not determined.
+    """Components of a logarithmic scale whose 95 % interval spans a factor of 2 or more: not determined.
 
     What lies at a bound where its scale ends, as no extinction or an index of 1, has a place on no such scale.
     """

@@ -24,11 +24,11 @@ from . import finish, samples, starts, uncertainty
 from .method import kind_of, why_rendered
 from .parameters import Parameters, asked, resolve
 from .picture import Picture
-from .picture.exact import ExactPicture
+from .picture.exact import Cache, ExactPicture
 from .picture.rendered import RenderedPicture
 from .problem import Problem
 from .solution import Solution, Step
-from .solvers import Result, Solver, methods
+from .solvers import Result, Solver, lm, methods
 from .views import Prepared, Target, prepare
 
 Array = npt.NDArray[np.float64]
@@ -39,8 +39,8 @@ VARIANT = "llvm_ad_rgb"
 SEARCH_PIXELS = 4000
 #: A given start is given up for another that makes the sum of squares smaller by so many variances of one residual.
 WORTHWHILE = 10.0
-#: So many times the target's noise in a parameter is too much of the fit's own for weights to be made from it.
-TOO_LOUD = 1.0
+#: A residual of this fraction of the picture is reason to look for another start than the one given.
+ASTRAY = 0.1
 #: Grid points where each is a rendering.
 SEARCH_RENDERINGS = 64
 #: Seeds are below this: Mitsuba takes 32 bits, and each view adds its number.
@@ -76,9 +76,18 @@ class Run:
     levels: list[int] = field(default_factory=list)
     #: By what factor each pixel of each picture has more samples than the level says; empty: none has.
     finer: list[npt.NDArray[np.int64]] = field(default_factory=list)
+    #: How bright each part of each film is, for these to be placed; and samples that tell.
+    guides: list[Array] = field(default_factory=list)
+    pilots: list[list[Cache]] = field(default_factory=list)
+    #: The `x` by which that was found.
+    guided: Array | None = None
+    #: The problem from other samples, of which weights are made.
+    other: Problem | None = None
     #: How many times the samples of the one before the last problem has, as far as they matter.
     growth: float = 4.0
     moved: Array | None = None
+    #: Whether the fit's own noise no longer matters.
+    quiet: bool = False
     noise: Array | None = None
     misfit: bool = False
     by_noise: bool = False
@@ -99,7 +108,10 @@ class Run:
             groups = [(bsdf, where[::every]) for bsdf, where in view.groups]
             if self.method == "exact":
                 finer = self.finer[number] if self.finer else None
-                pictures.append(ExactPicture(self.scene.scene, view.sensor, groups, samples, seed + number, finer))
+                guide = self.guides[number] if self.guides else None
+                pictures.append(
+                    ExactPicture(self.scene.scene, view.sensor, groups, samples, seed + number, finer, guide)
+                )
             else:
                 where = np.concatenate([w for _, w in groups])
                 together = self.parameters.together()
@@ -140,7 +152,8 @@ class Run:
         """
         assert self.problem is not None and self.x is not None
         # From samples of their own: by those of the residuals, a pixel that these make too dark would count more.
-        other = self.build(self.levels[-2:][0], self.seed + 2000)
+        count = sorted(set(self.levels))[-2:][0]
+        other = self.other = self.other or self.build(count, self.seed + 2000)
         residuals = other.residuals(self.x)
         self.noise = other.noise(residuals)
         _, self.misfit = other.misfit(residuals, self.noise + other.sampling(residuals))
@@ -329,6 +342,17 @@ def look(run: Run, given: Array) -> Array:
     return starts.search(coarse, given, most, run.pause)
 
 
+def astray(run: Run) -> bool:
+    """Whether a fit from a given start may have missed the answer: at a bound, on a plateau, far from the target."""
+    assert run.problem is not None and run.x is not None and run.result is not None
+    linear = run.problem.linearize(run.x)
+    plateau = lm.propose(run.problem, linear, run.x, 0.0)[2] > lm.WIDEST
+    residual = finish.rms_of(0.5 * (linear.r[0] + linear.r[1]), run.problem.target)
+    return bool(
+        not run.result.converged or any(finish.ends(run.parameters, run.x)) or plateau.any() or residual > ASTRAY
+    )
+
+
 def look_elsewhere(run: Run) -> None:
     """Ask whether the search's own start leads to a smaller residual than the one given did; then go on from there.
 
@@ -364,7 +388,7 @@ def refine(run: Run, spp: int | None) -> None:
     run.problem.residuals(run.x)  # for its kernel, which `reweigh` needs: none is compiled after the first iteration
     run.solve("equal weights")
     # The first-order methods are there to compare: they go from where they are told.
-    if second_order and any(f.start is not None for f in run.parameters.free):
+    if second_order and any(f.start is not None for f in run.parameters.free) and astray(run):
         look_elsewhere(run)
     if second_order and spp is None and run.method == "exact":
         sharpen(run)
@@ -384,7 +408,7 @@ def refine(run: Run, spp: int | None) -> None:
         if rerun(run, count):
             return
     for growth in samples.GROWTH if spp is None and run.method == "exact" else ():
-        if not samples.look_closer(run, growth) or rerun(run, levels[-1]):
+        if run.quiet or not samples.look_closer(run, growth) or rerun(run, levels[-1]):
             return
 
 
@@ -394,9 +418,8 @@ def sharpen(run: Run) -> None:
     A pixel whose highlight the samples miss would get a noise as large as that, and then no weight to put it right.
     """
     assert run.problem is not None and run.x is not None
-    for growth in samples.GROWTH:
-        share = samples.shares(run, run.problem.linearize(run.x), samples.scatter(run.problem))
-        if share.sum(axis=0).max(initial=0.0) < TOO_LOUD or not samples.look_closer(run, growth):
+    for _ in range(samples.GUIDES):
+        if not samples.guide(run):
             return
         run.problem = run.build(run.levels[-1], run.seed + 1000)
         run.solve("equal weights")
@@ -405,6 +428,9 @@ def sharpen(run: Run) -> None:
 def rerun(run: Run, count: int) -> bool:
     """Solve again with this many samples a half; whether that is enough."""
     before = run.x
+    run.other = None
+    if run.guides:
+        samples.guide(run)
     begin(run, count)
     run.reweigh()
     run.solve(f"{2 * count} samples")
@@ -415,8 +441,8 @@ def rerun(run: Run, count: int) -> bool:
     sd = found.sd[found.effect]
     moved = np.abs(run.moved[found.effect])
     still = bool(np.all(np.isfinite(sd) & (moved <= np.maximum(STILL * np.nan_to_num(sd), 1e-6))))
-    fine = bool(np.all(sd <= FINE))
-    return still and (fine or samples.widening(run, linear, found) <= QUIET)
+    run.quiet = bool(np.all(sd <= FINE)) or samples.widening(run, linear, found) <= QUIET
+    return still and run.quiet
 
 
 def wrongly_derived(parameters: Parameters, integrator: mi.Integrator) -> list[int]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from brdf import UsageError
 
 from . import pixels
-from .picture.exact import ExactPicture
+from .picture.exact import SHARP, ExactPicture
 from .problem import Linear, Problem
 from .uncertainty import Uncertainty
 
@@ -28,6 +28,10 @@ MOST_SAMPLES = 8_000_000
 TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
 #: Levels with fewer samples than this in all are left out, but for one: they take as long as so many do, and mislead.
 FEW_SAMPLES = 100_000
+#: How often samples are placed by where the fit so far sees the picture bright: it moves the first time.
+GUIDES = 2
+#: Less than this in any coordinate, and a sharp highlight has not moved.
+MOVED = 0.05
 #: Then the pixels that need it get more, in powers of this, for their samples to add this fraction to the noise's
 #: variance; in steps, each up to so many times the samples in all.
 TIER, LEFT, GROWTH = 4, 0.1, (4, 32)
@@ -85,6 +89,23 @@ def scatter(problem: Problem) -> Array:
     """The variance of each residual by the fit's own samples, as they differ within a pixel."""
     found = [p.sampling().ravel() for p in problem.pictures if isinstance(p, ExactPicture)]
     return np.maximum(np.concatenate(found), 0.0)  # rounding leaves what is 0 a little below
+
+
+def guide(run: Run) -> bool:
+    """Note where the pictures are bright, for samples to be placed there.
+
+    Tells whether any pixel sees a sharp highlight, and that is not where it was.
+    """
+    assert run.problem is not None and run.x is not None
+    if run.guided is not None and np.all(np.abs(run.x - run.guided) < MOVED):
+        return False
+    run.guided = run.x
+    exact = [p for p in run.problem.pictures if isinstance(p, ExactPicture)]
+    run.pilots = run.pilots or [p.even() for p in exact]
+    run.guides = [p.glow(even) for p, even in zip(exact, run.pilots, strict=True)]
+    if not any((p.contrast(g)[p.pixels] > SHARP).any() for p, g in zip(exact, run.guides, strict=True)):
+        run.guides = []
+    return bool(run.guides)
 
 
 def look_closer(run: Run, growth: int) -> bool:

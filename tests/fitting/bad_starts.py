@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import brdf  # before drjit: it chooses the libLLVM  # noqa: F401  # isort: skip
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-import brdf  # noqa: F401  (chooses libLLVM before Mitsuba starts Dr.Jit)
 import fitting
 from fitting import finish
 from fitting.parameters import Parameters, resolve
