@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from brdf import Param
-
 from .parameters import Parameters
 from .uncertainty import Uncertainty
 
@@ -18,9 +16,8 @@ INSEPARABLE = 0.95
 NOT_NOISE = 0.3
 #: Below this standard deviation, in the coordinate of its scale, nobody asks for more samples.
 FINE = 1e-3
-#: A standard deviation in a logarithmic coordinate beyond which a parameter is not determined: the ends of its 95 %
-#: interval differ by a factor of 2.
-UNDETERMINED = 0.177
+#: A standard deviation in a logarithmic coordinate beyond which a parameter is not determined.
+UNDETERMINED = 0.5
 #: Share of the fit's own sampling noise in the residual from which more samples would help.
 OWN_NOISE = 0.5
 
@@ -36,7 +33,6 @@ def about(
 ) -> list[str]:
     """All remarks that hold, the gravest first."""
     names, correlation = parameters.components, uncertainty.confusion
-    wide = loose(parameters, sd, values, at_bound)
     out = []
     for i, name in enumerate(names):
         if not uncertainty.effect[i]:
@@ -60,10 +56,10 @@ def about(
         if at_bound[i] and uncertainty.effect[i]:
             end = "lower" if abs(values[i] - p.bounds[0]) < abs(values[i] - p.bounds[1]) else "upper"
             out.append(f"{name} lies at its {end} bound {p.range_text()}; its interval ends there.")
-        if wide[i] and uncertainty.effect[i]:
-            share = 100 * sd[i] / (values[i] - origin(p))
-            of = f"{name} - 1" if origin(p) else "it"
-            out.append(f"{name} is not determined: its standard deviation is {share:.0f} % of {of}.")
+        if not at_bound[i] and p.scale in ("log", "log_minus_one") and np.isfinite(sd[i]):
+            base = values[i] - 1 if p.scale == "log_minus_one" else values[i]
+            if sd[i] > UNDETERMINED * base:
+                out.append(f"{name} is hardly determined: its standard deviation is {100 * sd[i] / base:.0f} % of it.")
     if misfit or uncertainty.correlation_at_4 > NOT_NOISE:
         out.append(
             f"The residual ({100 * rms:.2g} % of the picture) is not noise: pixels err alike (correlation "
@@ -75,24 +71,6 @@ def about(
             f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: "
             "more samples (--spp) would narrow the error bars."
         )
-    return out
-
-
-def origin(p: Param) -> float:
-    """Where a logarithmic scale counts from: ``m - 0``, ``eta - 1``."""
-    return 1.0 if p.scale == "log_minus_one" else 0.0
-
-
-def loose(parameters: Parameters, sd: Array, values: Array, at_bound: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Components of a logarithmic scale whose 95 % interval spans a factor of 2 or more: not determined.
-
-    What lies at a bound where its scale ends, as no extinction or an index of 1, has a place on no such scale.
-    """
-    out = np.zeros(len(values), dtype=bool)
-    for i, p in enumerate(parameters.params):
-        if p.scale in ("log", "log_minus_one") and np.isfinite(sd[i]):
-            at_end = at_bound[i] and p.bounds[0] <= origin(p)
-            out[i] = sd[i] > UNDETERMINED * (values[i] - origin(p)) and not at_end
     return out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import signal
 import threading
@@ -20,27 +21,29 @@ import numpy.typing as npt
 from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
-from . import finish, samples, starts, uncertainty
+from . import finish, pixels, starts, uncertainty
 from .method import kind_of, why_rendered
 from .parameters import Parameters, asked, resolve
 from .picture import Picture
-from .picture.exact import Cache, ExactPicture
+from .picture.exact import ExactPicture
 from .picture.rendered import RenderedPicture
-from .problem import Problem
+from .problem import Linear, Problem
 from .solution import Solution, Step
-from .solvers import Result, Solver, lm, methods
+from .solvers import Result, Solver, methods
 from .views import Prepared, Target, prepare
 
 Array = npt.NDArray[np.float64]
 Method = Literal["auto", "exact", "rendered"]
 
 VARIANT = "llvm_ad_rgb"
-#: Pixels for the search of a start, with one sample a half; where there are fewer, more samples each.
-SEARCH_PIXELS = 4000
-#: A given start is given up for another that makes the sum of squares smaller by so many variances of one residual.
-WORTHWHILE = 10.0
-#: A residual of this fraction of the picture is reason to look for another start than the one given.
-ASTRAY = 0.1
+#: Samples a pixel in each half, level by level: the last two of those that were run are compared.
+EXACT_LEVELS, RENDERED_LEVELS = (4, 16, 64, 256), (8, 32, 128)
+#: Samples kept in memory for all pictures together, at some 200 bytes each.
+MOST_SAMPLES = 8_000_000
+#: Beyond so many an explicit request is refused.
+TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
+#: Pixels and samples a half for the search of a start.
+SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
 #: Grid points where each is a rendering.
 SEARCH_RENDERINGS = 64
 #: Seeds are below this: Mitsuba takes 32 bits, and each view adds its number.
@@ -74,26 +77,10 @@ class Run:
     start: Array | None = None
     problem: Problem | None = None
     levels: list[int] = field(default_factory=list)
-    #: By what factor each pixel of each picture has more samples than the level says; empty: none has.
-    finer: list[npt.NDArray[np.int64]] = field(default_factory=list)
-    #: How bright each part of each film is, for these to be placed; and samples that tell.
-    guides: list[Array] = field(default_factory=list)
-    pilots: list[list[Cache]] = field(default_factory=list)
-    #: The `x` by which that was found.
-    guided: Array | None = None
-    #: The problem from other samples, of which weights are made.
-    other: Problem | None = None
-    #: How many times the samples of the one before the last problem has, as far as they matter.
-    growth: float = 4.0
     moved: Array | None = None
-    #: Whether the fit's own noise no longer matters.
-    quiet: bool = False
     noise: Array | None = None
     misfit: bool = False
-    by_noise: bool = False
     result: Result | None = None
-    #: By what factor another start than that given made the mean square residual smaller, if it did.
-    elsewhere: float | None = None
     pressed: Callable[[], bool] = lambda: False
 
     def pause(self) -> None:
@@ -107,11 +94,7 @@ class Run:
         for number, view in enumerate(self.views):
             groups = [(bsdf, where[::every]) for bsdf, where in view.groups]
             if self.method == "exact":
-                finer = self.finer[number] if self.finer else None
-                guide = self.guides[number] if self.guides else None
-                pictures.append(
-                    ExactPicture(self.scene.scene, view.sensor, groups, samples, seed + number, finer, guide)
-                )
+                pictures.append(ExactPicture(self.scene.scene, view.sensor, groups, samples, seed + number))
             else:
                 where = np.concatenate([w for _, w in groups])
                 together = self.parameters.together()
@@ -143,25 +126,23 @@ class Run:
         self.result = self.solver(self.problem, self.x, self.max_iterations, progress)
         self.x = self.result.x
 
-    def reweigh(self, whatever: bool = False) -> None:
-        """Weigh each residual by the inverse of its noise, unless there is more than noise in them (or `whatever` is).
+    def reweigh(self) -> None:
+        """Weigh each residual by the inverse of its noise, unless there is more than noise in them.
 
-        Where the model cannot explain the picture, pixels count alike: the answer is then that of least mean square
-        error. By their noise, the bright ones would count least, and a highlight of another shape than the model's
-        would be given up.
+        Where the model cannot explain the picture, pixels count alike: the answer is then that
+        of least mean square error. By their noise, the bright ones would count least, and a highlight of another shape
+        than the model's would be given up.
         """
         assert self.problem is not None and self.x is not None
         # From samples of their own: by those of the residuals, a pixel that these make too dark would count more.
-        count = sorted(set(self.levels))[-2:][0]
-        other = self.other = self.other or self.build(count, self.seed + 2000)
+        other = self.build(self.levels[-2:][0], self.seed + 2000)
         residuals = other.residuals(self.x)
         self.noise = other.noise(residuals)
         _, self.misfit = other.misfit(residuals, self.noise + other.sampling(residuals))
-        self.by_noise = whatever or not self.misfit
-        if self.by_noise:
-            self.problem.weigh(1.0 / self.noise)
-        else:
+        if self.misfit:
             self.problem.weigh_equally()
+        else:
+            self.problem.weigh(1.0 / self.noise)
 
 
 def fit(
@@ -187,8 +168,7 @@ def fit(
     targets : dict
         By sensor id: a file, or an array of shape (height, width, 3) or (height, width, 4), linear RGB and alpha.
     parameters : dict or iterable of str
-        ``"ID.PARAM"``; as a dict with starts in the parameter's unit, or None to have one searched for. With "lm" a
-        start is given up, and a remark says so, where the search finds another that leads to a smaller residual.
+        ``"ID.PARAM"``; as a dict with starts in the parameter's unit, or None to have one searched for.
     solver : {"lm", "lbfgs", "adam", "gd"}
         Levenberg-Marquardt, SciPy's L-BFGS-B, Adam, or steepest descent.
     masks : dict, optional
@@ -273,7 +253,6 @@ def fit(
             "max_iterations": run.max_iterations,
             "spp": spp,
             "samples": [2 * n for n in run.levels],
-            "most_samples": 2 * run.levels[-1] * max((int(f.max()) for f in run.finer), default=1) if run.levels else 0,
             "seed": seed,
             "asked_method": method,
             "method": run.method,
@@ -327,46 +306,14 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 
 def search(run: Run) -> None:
-    """Find the start, but for what is given of it."""
+    """Find the start, on some of the pixels and few samples."""
     given = [v for f in run.parameters.free for v in (np.full(f.size, np.nan) if f.start is None else f.start)]
-    run.start = run.x = look(run, np.array(given))
-
-
-def look(run: Run, given: Array) -> Array:
-    """Search for a start on some of the pixels and with few samples; `given` are the values to keep, NaN elsewhere."""
     count = sum(len(where) for view in run.views for _, where in view.groups)
     exact = run.method == "exact"
-    each = max(1, SEARCH_PIXELS // max(count, 1)) if exact else samples.RENDERED_LEVELS[0]
-    coarse = run.build(each, run.seed, max(1, count // SEARCH_PIXELS), halves=1)
+    samples = SEARCH_SAMPLES if exact else RENDERED_LEVELS[0]
+    coarse = run.build(samples, run.seed, max(1, count // SEARCH_PIXELS), halves=1)
     most = starts.MOST_POINTS if exact else SEARCH_RENDERINGS
-    return starts.search(coarse, given, most, run.pause)
-
-
-def astray(run: Run) -> bool:
-    """Whether a fit from a given start may have missed the answer: at a bound, on a plateau, far from the target."""
-    assert run.problem is not None and run.x is not None and run.result is not None
-    linear = run.problem.linearize(run.x)
-    plateau = lm.propose(run.problem, linear, run.x, 0.0)[2] > lm.WIDEST
-    residual = finish.rms_of(0.5 * (linear.r[0] + linear.r[1]), run.problem.target)
-    return bool(
-        not run.result.converged or any(finish.ends(run.parameters, run.x)) or plateau.any() or residual > ASTRAY
-    )
-
-
-def look_elsewhere(run: Run) -> None:
-    """Ask whether the search's own start leads to a smaller residual than the one given did; then go on from there.
-
-    A start far off may lie on a plateau: where no pixel sees a highlight, none says where to look for it.
-    """
-    assert run.problem is not None and run.x is not None
-    problem = run.problem
-    start = look(run, np.full(len(run.parameters), np.nan))
-    result = run.solver(problem, start, run.max_iterations, lambda *_: run.pause())
-    here, there = (
-        float(np.mean(problem.weights * (0.5 * (a + b)) ** 2)) for a, b in map(problem.residuals, (run.x, result.x))
-    )
-    if len(problem.target) * (here - there) > WORTHWHILE * there:
-        run.start, run.x, run.result, run.elsewhere = start, result.x, result, here / there
+    run.start = run.x = starts.search(coarse, np.array(given), most, run.pause)
 
 
 def refine(run: Run, spp: int | None) -> None:
@@ -378,71 +325,35 @@ def refine(run: Run, spp: int | None) -> None:
     """
     second_order = run.solver is methods()["lm"]
     if spp is not None:
-        samples.afford(run, spp)
-        levels = [max(2, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
-    else:
-        levels = samples.levels(run)
-    first = levels[0] if second_order else levels[-1] if spp is not None else levels[-2:][0]
+        afford(run, spp)
+    levels = levels_of(run) if spp is None else [max(2, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
+    first = levels[0] if second_order else levels[min(1, len(levels) - 1)]
     begin(run, first)
     assert run.problem is not None and run.x is not None
     run.problem.residuals(run.x)  # for its kernel, which `reweigh` needs: none is compiled after the first iteration
     run.solve("equal weights")
-    # The first-order methods are there to compare: they go from where they are told.
-    if second_order and any(f.start is not None for f in run.parameters.free) and astray(run):
-        look_elsewhere(run)
-    if second_order and spp is None and run.method == "exact":
-        sharpen(run)
-    equal = run.x
-    # Where some pixels are much brighter than others, equal weights leave an error that in the dark ones is more than
-    # noise: whether the model explains the picture is seen once all count by their noise.
-    run.reweigh(whatever=second_order)
+    run.reweigh()
     run.solve("noise weights")
     if not second_order:
         check_samples(run, first)
         return
     run.reweigh()
-    if run.misfit:
-        run.x = equal
-    run.solve("equal weights" if run.misfit else "noise weights")
-    for count in levels[1:]:
-        if rerun(run, count):
-            return
-    for growth in samples.GROWTH if spp is None and run.method == "exact" else ():
-        if run.quiet or not samples.look_closer(run, growth) or rerun(run, levels[-1]):
-            return
-
-
-def sharpen(run: Run) -> None:
-    """Solve again with more samples where there are far too few, before weights are made from what is taken for noise.
-
-    A pixel whose highlight the samples miss would get a noise as large as that, and then no weight to put it right.
-    """
-    assert run.problem is not None and run.x is not None
-    for _ in range(samples.GUIDES):
-        if not samples.guide(run):
-            return
-        run.problem = run.build(run.levels[-1], run.seed + 1000)
-        run.solve("equal weights")
-
-
-def rerun(run: Run, count: int) -> bool:
-    """Solve again with this many samples a half; whether that is enough."""
-    before = run.x
-    run.other = None
-    if run.guides:
-        samples.guide(run)
-    begin(run, count)
-    run.reweigh()
-    run.solve(f"{2 * count} samples")
-    assert run.problem is not None and run.x is not None and before is not None
-    run.moved = run.x - before
-    linear = run.problem.linearize(run.x)
-    found = uncertainty.estimate(run.problem, linear, run.x)
-    sd = found.sd[found.effect]
-    moved = np.abs(run.moved[found.effect])
-    still = bool(np.all(np.isfinite(sd) & (moved <= np.maximum(STILL * np.nan_to_num(sd), 1e-6))))
-    run.quiet = bool(np.all(sd <= FINE)) or samples.widening(run, linear, found) <= QUIET
-    return still and run.quiet
+    run.solve("noise weights")
+    for samples in levels[1:]:
+        before = run.x
+        begin(run, samples)
+        run.reweigh()
+        run.solve(f"{2 * samples} samples")
+        assert run.problem is not None and run.x is not None and before is not None
+        run.moved = run.x - before
+        linear = run.problem.linearize(run.x)
+        found = uncertainty.estimate(run.problem, linear, run.x)
+        sd = found.sd[found.effect]
+        moved = np.abs(run.moved[found.effect])
+        still = bool(np.all(np.isfinite(sd) & (moved <= np.maximum(STILL * np.nan_to_num(sd), 1e-6))))
+        fine = bool(np.all(sd <= FINE))
+        if still and (fine or widening(run, linear, found) <= QUIET):
+            break
 
 
 def wrongly_derived(parameters: Parameters, integrator: mi.Integrator) -> list[int]:
@@ -456,11 +367,44 @@ def wrongly_derived(parameters: Parameters, integrator: mi.Integrator) -> list[i
     return wrong
 
 
+def widening(run: Run, linear: Linear, found: uncertainty.Uncertainty) -> float:
+    """By what fraction the fit's own samples widen the error bars, at worst."""
+    assert run.problem is not None and run.noise is not None
+    if run.misfit:
+        return 0.5 * found.sampling_share
+    live = np.flatnonzero(np.isfinite(found.sd))
+    w = run.problem.weights
+    h = linear.hessian(w)[np.ix_(live, live)]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+    inverse = np.linalg.pinv(h * np.outer(scale, scale))
+    score = 0.5 * (linear.jacobian[0] + linear.jacobian[1])[:, live] * (w * scale[:, None]).T
+    own = score.T @ (run.problem.sampling(linear.r)[:, None] * score)
+    noise, samples = np.diag(inverse), np.diag(inverse @ own @ inverse)
+    return float(np.sqrt(np.max(1.0 + samples / np.maximum(noise, 1e-300), initial=1.0))) - 1.0
+
+
+def afford(run: Run, spp: int) -> None:
+    """Refuse a sample count that does not fit into memory."""
+    one = sum(math.prod(pixels.film_size(v.sensor)) for v in run.views)
+    if run.method == "exact":
+        one = sum(len(where) for view in run.views for _, where in view.groups) * len(run.scene.scene.emitters())
+    if one * spp > TOO_MANY_SAMPLES:
+        raise UsageError(f"spp = {spp} needs more memory than there may be. Take at most {TOO_MANY_SAMPLES // one}.")
+
+
 def begin(run: Run, samples: int) -> None:
     """Take up the problem with this many samples a half."""
     run.problem = run.build(samples, run.seed + 1000)
-    run.by_noise = False
     run.levels.append(samples)
+
+
+def levels_of(run: Run) -> list[int]:
+    """Samples a half to go through, as far as memory allows."""
+    if run.method == "rendered":
+        return list(RENDERED_LEVELS)
+    lights = len(run.scene.scene.emitters())
+    count = sum(len(where) for view in run.views for _, where in view.groups)
+    return [n for n in EXACT_LEVELS if 2 * n * lights * count <= MOST_SAMPLES] or [EXACT_LEVELS[0]]
 
 
 def check_samples(run: Run, samples: int) -> None:

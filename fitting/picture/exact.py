@@ -11,15 +11,12 @@ run, and leaves the errors of neighbouring pixels independent, which the error b
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter, uniform_filter
 
 from ..pixels import film_size, index_of, rays
 
@@ -29,15 +26,6 @@ Array = npt.NDArray[np.float64]
 FILTER_TABLE = 4096
 #: Where a filter has lobes below zero, one sample in so many is drawn from them.
 NEGATIVE = 4
-#: Cells of a guide along the side of a pixel: the first that makes no more cells in all than this.
-CELLS, MOST_CELLS = (8, 4, 2), 4_000_000
-#: Cells for samples that lie evenly, at most.
-EVEN = 4
-#: Where samples are placed: by the filter; evenly under it; by filter times light.
-SHARES = (0.25, 0.25, 0.5)
-#: Under the filter of a pixel whose samples are placed by the guide, the brightest part is so many times the mean; and
-#: by what factor such a pixel has more samples.
-SHARP, SHARPER = 4.0, 16
 #: Roots of x^(d+1) = x + 1: the generalised golden ratios of the Kronecker sequences in 2 and 4 dimensions.
 GOLDEN = {2: 1.32471795724474602596, 4: 1.16730397826141868426}
 
@@ -54,11 +42,6 @@ class ExactPicture:
     samples : int
         Samples a pixel in each half.
     seed : int
-    finer : int array, shape (height * width,), optional
-        By what factor a pixel gets more samples than that. Default: 1 everywhere.
-    guide : array, shape (height * cells, width * cells), optional
-        How bright each part of the film is, as `glow` gives it: pixels that see a sharp highlight have most samples
-        there.
     """
 
     def __init__(
@@ -68,25 +51,11 @@ class ExactPicture:
         groups: list[tuple[mi.BSDF, npt.NDArray[np.int64]]],
         samples: int,
         seed: int,
-        finer: npt.NDArray[np.int64] | None = None,
-        guide: Array | None = None,
     ) -> None:
-        self.samples, self.size = samples, film_size(sensor)
-        self.radius = float(sensor.film().rfilter().radius())
-        self.cells = next((n for n in CELLS if math.prod(self.size) * n * n <= MOST_CELLS), CELLS[-1])
-        self.source, self.rng = (scene, sensor, groups), np.random.default_rng([seed, samples])
-        self.caches = []
-        sharp = np.zeros(math.prod(self.size), dtype=bool)
-        if guide is not None:
-            sharp = self.contrast(guide) > SHARP
-        for bsdf, pixels in groups:
-            factor = np.ones(len(pixels), dtype=np.int64) if finer is None else finer[pixels]
-            factor = np.where(sharp[pixels], np.maximum(factor, SHARPER), factor)
-            for f, by in itertools.product(np.unique(factor), (None, guide) if sharp.any() else (None,)):
-                where = pixels[(factor == f) & (sharp[pixels] == (by is not None))]
-                if len(where):
-                    self.caches.append(Cache(scene, sensor, bsdf, where, samples * int(f), self.rng, by))
-        self.pixels = np.concatenate([cache.pixels for cache in self.caches])
+        self.pixels = np.concatenate([pixels for _, pixels in groups])
+        self.samples = samples
+        rng = np.random.default_rng([seed, samples])
+        self.caches = [Cache(scene, sensor, bsdf, pixels, samples, rng) for bsdf, pixels in groups]
 
     def predict(self, reverse: bool = False) -> list[mi.Color3f]:
         return [cache.radiance(reverse) for cache in self.caches]
@@ -96,51 +65,6 @@ class ExactPicture:
         dr.eval(sums)
         whole = np.concatenate([np.array(each, dtype=np.float64).reshape(3, 2, -1) for each in sums], axis=2)
         return whole[:, 0], whole[:, 1]
-
-    def sampling(self) -> Array:
-        """Variance that the samples give the mean of the halves, shape (3, n), from their scatter within a pixel.
-
-        They are spread evenly, which the scatter does not know: it is less than this.
-        """
-        out = []
-        for cache in self.caches:
-            c, n = dr.detach(cache.radiance(False)), cache.samples
-            sums = [[dr.block_sum(power, n) for power in (channel, channel * channel)] for channel in c]
-            dr.eval(sums)
-            one, two = np.array(sums, dtype=np.float64).reshape(3, 2, 2, cache.count, -1).swapaxes(0, 1)
-            out.append((two - one**2 / n).sum(axis=(1, 3)) / 4)
-        return np.concatenate(out, axis=1)
-
-    def even(self) -> list[Cache]:
-        """Samples that lie evenly under the filters of the pixels, for `glow`."""
-        nowhere = np.zeros([min(self.cells, EVEN) * side for side in reversed(self.size)])
-        scene, sensor, groups = self.source
-        return [Cache(scene, sensor, *group, self.samples, self.rng, nowhere) for group in groups]
-
-    def glow(self, even: Sequence[Cache]) -> Array:
-        """How bright each part of the film is, shape (height * cells, width * cells), by all samples, those `even` too.
-
-        Averaged with the parts around it: where a sharp highlight ends is not known that well.
-        """
-        width, height = (self.cells * side for side in self.size)
-        light, count = np.zeros(width * height), np.zeros(width * height)
-        for cache in [*self.caches, *even]:
-            value = sum(np.array(c, dtype=np.float64) for c in dr.detach(cache.radiance(False)))
-            value = np.reshape(value, (2 * cache.count, -1, cache.samples)).sum(axis=1).ravel()
-            inside = cache.share != 0
-            x, y = ((a[inside] * self.cells).astype(np.int64) for a in cache.position)
-            part = np.clip(y, 0, height - 1) * width + np.clip(x, 0, width - 1)
-            light += np.bincount(part, value[inside] / cache.share[inside], len(light))
-            count += np.bincount(part, minlength=len(count))
-        sums = [uniform_filter(a.reshape(height, width), 3, mode="constant") for a in (light, count)]
-        return np.divide(*sums, out=np.zeros((height, width)), where=sums[1] > 0.5 / 9)
-
-    def contrast(self, guide: Array) -> Array:
-        """Of each pixel of the film, how many times the mean the brightest part under its filter is."""
-        side = 2 * math.ceil(self.cells * self.radius) + 1
-        peak, mean = (f(guide, side, mode="constant") for f in (maximum_filter, uniform_filter))
-        middle = np.s_[self.cells // 2 :: self.cells, self.cells // 2 :: self.cells]
-        return (peak[middle] / np.maximum(mean[middle], 1e-300)).ravel()
 
     def unfold(self, halves: tuple[Array, Array]) -> list[mi.Color3f]:
         out, start = [], 0
@@ -166,10 +90,8 @@ class Cache:
         pixels: npt.NDArray[np.int64],
         samples: int,
         rng: np.random.Generator,
-        guide: Array | None = None,
     ) -> None:
-        self.bsdf, self.context = bsdf, mi.BSDFContext()
-        self.pixels, self.count, self.samples = pixels, len(pixels), samples
+        self.bsdf, self.context, self.count = bsdf, mi.BSDFContext(), len(pixels)
         emitters = scene.emitters()
         self.addends = len(emitters) * samples
         width, height = film_size(sensor)
@@ -178,13 +100,8 @@ class Cache:
         column, row = both % width, both // width
         # What falls outside the film does not count.
         spans = ((-column - 0.5, width - column - 0.5), (-row - 0.5, height - row - 0.5))
-        rfilter = sensor.film().rfilter()
-        if guide is None:
-            points, share = filter_points(rfilter, spans, samples, dimensions, rng)
-        else:
-            points, share = guided_points(rfilter, spans, samples, dimensions, rng, *around(guide, sensor, column, row))
+        points, share = filter_points(sensor.film().rfilter(), spans, samples, dimensions, rng)
         x, y = np.repeat(column, samples) + 0.5 + points[0], np.repeat(row, samples) + 0.5 + points[1]
-        self.position, self.share = (x, y), share
         aperture = mi.Point2f(*(mi.Float(p.astype(np.float32)) for p in points[2:])) if len(points) > 2 else None
         position = mi.Point2f(mi.Float(x.astype(np.float32)), mi.Float(y.astype(np.float32)))
         ray, ray_weight = rays(sensor, position, aperture)
@@ -302,79 +219,3 @@ def filter_points(
         points = [np.concatenate(each, axis=1) for each in zip(points, below, strict=True)]
         share = np.concatenate([share, -minus], axis=1)
     return [p.ravel() for p in points], share.ravel()
-
-
-def around(
-    guide: Array, sensor: mi.Sensor, column: npt.NDArray[np.int64], row: npt.NDArray[np.int64]
-) -> tuple[Array, int]:
-    """The parts of a guide under the filter of each pixel, shape (n, parts, parts), 0 off the film; parts a pixel."""
-    cells = guide.shape[1] // film_size(sensor)[0]
-    reach = math.ceil(cells * float(sensor.film().rfilter().radius()))
-    padded = np.pad(guide, reach)
-    parts = np.arange(2 * reach) + cells // 2
-    return padded[(cells * row)[:, None, None] + parts[:, None], (cells * column)[:, None, None] + parts], cells
-
-
-def guided_points(
-    rfilter: mi.ReconstructionFilter,
-    spans: Sequence[tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]],
-    samples: int,
-    dimensions: int,
-    rng: np.random.Generator,
-    light: Array,
-    cells: int,
-) -> tuple[list[Array], Array]:
-    """As `filter_points`, but most points lie where filter times light is large.
-
-    A highlight smaller than a pixel lights its neighbours as well, through the tails of their filters, where the filter
-    alone has a point in a thousand. A cell is drawn by a mixture of `SHARES`: in proportion to the integral `F` of the
-    filter's magnitude over it; each alike; and in proportion to ``F L``, unless that is 0 everywhere. In the cell a
-    point is drawn from the filter, so that its weight ``F / q`` depends on the cell alone.
-
-    Parameters
-    ----------
-    light : array, shape (n, parts, parts)
-        Of each pixel, how bright the parts under its filter are: rows from top to bottom, columns from left to right.
-    cells : int
-        Such parts along the side of a pixel.
-    """
-    radius, reach = float(rfilter.radius()), light.shape[1] // 2
-    edges = np.linspace(-radius, radius, FILTER_TABLE + 1)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    value = np.array(rfilter.eval(mi.Float(middle.astype(np.float32))), dtype=np.float64)
-    size, signed = (np.concatenate([[0.0], np.cumsum(v)]) for v in (np.abs(value), value))
-    sides = np.arange(-reach, reach + 1) / cells
-    begin = np.interp(sides, edges, size)
-    masses, totals = [], []
-    for low, high in spans:
-        on = (sides[:-1] >= low[:, None] - 1e-6) & (sides[1:] <= high[:, None] + 1e-6)
-        masses.append(np.diff(begin) * on)
-        totals.append(np.sum(np.diff(np.interp(sides, edges, signed)) * on, axis=1))
-    mass = masses[1][:, :, None] * masses[0][:, None, :]
-    bright = mass * light
-    alike = (mass > 0).astype(float)
-    q = np.zeros_like(mass)
-    for chance, each in zip(SHARES, (mass, alike, bright), strict=True):
-        q += chance * each / np.maximum(each.sum(axis=(1, 2), keepdims=True), 1e-300)
-    q /= q.sum(axis=(1, 2), keepdims=True)
-    u = kronecker(len(mass), samples, dimensions, rng)
-    pixel = np.repeat(np.arange(len(mass)), samples)
-    row, u[1] = pick(q.sum(axis=2), pixel, u[1])
-    column, u[0] = pick(q.reshape(-1, 2 * reach), pixel * (2 * reach) + row, u[0])
-    share = (mass / np.where(q > 0, q, 1.0))[pixel, row, column] / (samples * (totals[0] * totals[1])[pixel])
-    for axis, cell in enumerate((column, row)):
-        u[axis] = np.interp(begin[cell] + u[axis] * np.diff(begin)[cell], size, edges)
-        share *= np.where(value[np.minimum(np.searchsorted(edges, u[axis], "right") - 1, FILTER_TABLE - 1)] < 0, -1, 1)
-    return u, share
-
-
-def pick(chances: Array, which: npt.NDArray[np.int64], u: Array) -> tuple[npt.NDArray[np.int64], Array]:
-    """Draw a cell of the line `which` of `chances` by each number of `u`, and what is left of that number."""
-    cells = chances.shape[1]
-    ends = np.cumsum(chances, axis=1)
-    ends /= np.where(ends[:, -1:] > 0, ends[:, -1:], 1.0)
-    ends += np.arange(len(ends))[:, None]
-    flat = ends.ravel()
-    at = np.minimum(np.searchsorted(flat, which + u, "right"), which * cells + cells - 1)
-    before = np.where(at % cells > 0, flat[at - 1], which)
-    return at % cells, np.clip((which + u - before) / np.maximum(flat[at] - before, 1e-300), 0.0, 1.0)
