@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from brdf import Model, UsageError
+from brdf import DataError, Model, UsageError
 from brdf.checks.result import plain
 from brdf.hard import FORMULAS, Formula, Verdict, judge, load, outsider
 from brdf.hard.criterion import PRECISIONS
@@ -30,10 +30,11 @@ class Asked:
 
 @dataclass
 class Hard:
-    """What was found: ``{formula: {precision: Verdict}}``, and by what oracle each was judged."""
+    """What was found: ``{formula: {precision: Verdict}}``, and of which formula nothing, with what went wrong."""
 
     asked: Sequence[Asked]
     verdicts: dict[str, dict[str, Verdict]] = field(default_factory=dict)
+    errors: dict[str, str] = field(default_factory=dict)
     complete: bool = False
 
     def failed(self) -> list[Verdict]:
@@ -77,7 +78,7 @@ class Hard:
 
 def all_formulas() -> list[Asked]:
     """Bricks, our models, and those of installed packages."""
-    strangers = [model for name, model in registered().items() if not known(name)]
+    strangers = [m for name, m in registered().items() if not known(name) and not all(x.ideal for x in m.lobes)]
     return [*(Asked(f) for f in FORMULAS.values()), *(a for model in strangers for a in of_stranger(model))]
 
 
@@ -94,7 +95,10 @@ def by_name(name: str) -> list[Asked]:
     model = registered().get(name)
     if model is None:
         has = ", ".join([BRICKS, *registered()])
-        raise UsageError(f"--hard: {name!r} is not a model with parameters of its own. There are: {has}.")
+        raise UsageError(
+            f"--hard asks our models and those that are registered, and {name} is neither. There are: {has}. "
+            "Of Mitsuba's own some are asked by --hard --peers."
+        )
     return of_stranger(model)
 
 
@@ -128,7 +132,12 @@ def run(asked: Sequence[Asked], progress: Progress | None = None) -> Hard:
 
     try:
         for done, one in enumerate(asked):
-            hard.verdicts[one.formula.name] = verdicts(one, tell(done, one.formula.name))
+            try:
+                hard.verdicts[one.formula.name] = verdicts(one, tell(done, one.formula.name))
+            except DataError as error:
+                if len({a.formula.owner for a in asked}) == 1:
+                    raise
+                hard.errors[one.formula.name] = str(error)  # somebody's formula must not take the rest with it
         hard.complete = True
     except KeyboardInterrupt:
         pass

@@ -26,7 +26,7 @@ ILL = 0.1
 #: Numbers that have underflowed are forgiven this many times the smallest normal number, in units of the peak.
 UNDERFLOW = 1e4
 #: And a derivative as many times more.
-LONGER = 10
+LONGER = 1000
 #: Roundings of its inputs within which a derivative that jumps may be that of the other side.
 AT_KINK = 8
 #: A derivative by a parameter that is 0 is known to this: of what else the value has, no digits are left for less.
@@ -49,7 +49,7 @@ class Verdict:
     ill : float
         Share of the points where the problem itself does not permit an answer: only that it is finite is asked.
     kinks : int
-        Points so close to where a derivative jumps that it is not compared.
+        Points so close to where a derivative jumps, or refraction ends, that they are not compared.
     not_finite : int
         Values and derivatives, forward and reverse, that are infinite or NaN.
     reciprocal : bool or None
@@ -79,7 +79,7 @@ class Verdict:
     @property
     def passed(self) -> bool:
         within = self.value <= self.limits[0] and self.slope <= self.limits[1]
-        return within and self.not_finite == 0 and self.reciprocal is not False and self.dark
+        return within and self.ill < 1 and self.not_finite == 0 and self.reciprocal is not False and self.dark
 
     def sentence(self) -> str:
         """What is wrong, and where; empty if nothing is."""
@@ -94,6 +94,8 @@ class Verdict:
             said.append(
                 f"{self.not_finite} values or derivatives that are not finite, one at {self.worst['not_finite']}"
             )
+        if self.ill == 1:
+            said.append("not to be judged: at every point a rounding changes the answer")
         if self.reciprocal is False:
             said.append("not the same with the directions exchanged")
         if not self.dark:
@@ -149,7 +151,8 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
     """Hold a formula against its exact answers.
 
     ``|f - f*| <= C eps (|f*| + sum_i |x_i df/dx_i|)`` plus what underflow takes; C is what is found, in roundings. For
-    a derivative by p the same with g = df/dp, and ``|f*/p|`` added.
+    a derivative by p the same with g = df/dp, and ``|f*/p|`` added: what a rounding of the value is in it. One that is
+    nothing beside that, as where a value hardly depends on p, may have any sign.
     """
     eps = EPS[precision]
     allowed = UNDERFLOW * TINY[precision] * np.maximum(exact.peak, 1)

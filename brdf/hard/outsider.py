@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..model import Model
-from .criterion import TINY, compute
+from .criterion import compute
 from .formulas import Formula, Limits, whole
 from .grid import Array
 from .table import Exact
@@ -57,14 +57,19 @@ def by_mpmath(formula: Formula, inputs: Array, progress: Callable[[int], None] |
     by = [formula.inputs.index(name) for name in formula.by]
     with mp.workdps(DIGITS):
         for i, column in enumerate(inputs.T):
+            where = ", ".join(f"{n} = {x:.9g}" for n, x in zip(formula.inputs, column, strict=True))
             try:
-                found.append(jet(value, [mpf(float(x)) for x in column], by))
-            except (ArithmeticError, ValueError, TypeError) as error:
-                where = ", ".join(f"{n} = {x:.9g}" for n, x in zip(formula.inputs, column, strict=True))
-                raise DataError(f"{formula.name}: exact failed at {where}: {error}.") from error
+                found.append(
+                    [np.asarray(part, dtype=float) for part in jet(value, [mpf(float(x)) for x in column], by)]
+                )
+            except Exception as error:  # whatever somebody else's code may raise
+                said = f"{type(error).__name__}: {error}"
+                raise DataError(f"{formula.name}: exact failed at {where}: {said}.") from error
+            if not np.isfinite(found[-1][0]):
+                raise DataError(f"{formula.name}: exact is {found[-1][0]} at {where}. It is to be a number.")
             if progress:
                 progress(i + 1)
-    f, scale, slope, slope_scale = (np.array(column, dtype=float) for column in zip(*found, strict=True))
+    f, scale, slope, slope_scale = (np.array(column) for column in zip(*found, strict=True))
     return without_kinks(inputs, f, scale, slope.T, slope_scale.T)
 
 
@@ -91,9 +96,9 @@ def without_kinks(inputs: Array, value: Array, scale: Array, slope: Array, slope
     return Exact(
         inputs,
         value,
-        np.maximum(scale, TINY["float32"]),
+        scale,
         slope.reshape(shape),
-        np.maximum(slope_scale.reshape(shape), TINY["float32"]),
+        slope_scale.reshape(shape),
         np.maximum(np.abs(value), 1),
         np.inf * ones,
     )

@@ -84,7 +84,8 @@ def command(
     known(only)
     if hard or peers:
         others = {"--set": given, "--bsdf": bsdf, "--only": only, "--plot": plot, "--out": out, "-D": define}
-        return hard_cases(what, everything, peers and hard, {**others, "--peers": not hard}, modules, as_json)
+        others |= {"--seed": seed, "--peers": not hard}
+        return hard_cases(what, everything, peers and hard, others, modules, as_json)
     asked = request(what, everything, settings, bsdf, defaults, modules)
 
     from .. import checking
@@ -128,7 +129,9 @@ def hard_cases(
             raise UsageError("--peers goes with --hard: brdf check --hard --peers.")
         if is_given:
             raise UsageError(f"{option} does not go with --hard, which asks a model at points of its own.")
-    if (everything and what is not None) or not (everything or what or peers):
+    if everything and what is not None:
+        raise UsageError(f"{what} and --all are both given. Give one of them.")
+    if not (everything or what or peers):
         raise UsageError("--hard: name a model, or bricks, or give --all; with --peers none is needed.")
     llvm.require()
     import mitsuba as mi

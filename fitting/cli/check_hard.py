@@ -8,13 +8,14 @@ from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from brdf.checks.result import plain
 from brdf.hard import Verdict
 from brdf.hard.criterion import PRECISIONS
 
+from ..checking import counted
 from ..hard import ORACLES, Asked, Hard, run
 from .output import WIDE, print_json, progress_bar
 
@@ -28,8 +29,9 @@ SAMPLING_LEGEND = (
     "computed for it, of all but 1 % of the samples; of facets, and of reflected directions at 45 and 89.4 degrees."
 )
 LEGEND = (
-    "C: error in roundings, |f - f*| <= C eps (|f*| + sum |x df/dx|). ill: share of the points where the problem "
-    "itself permits no answer; they need only be finite."
+    "C: error in roundings, in either precision, beside what is allowed: |f - f*| <= C eps (|f*| + sum |x df/dx|), "
+    "and of a derivative in p with |f*/p| added. ill: share of the points where the problem itself permits no answer "
+    "in float32; they need only be finite."
 )
 
 
@@ -73,7 +75,7 @@ def check_hard(asked: Sequence[Asked], peers: bool, as_json: bool, line: str) ->
             console.print(SAMPLING_LEGEND, soft_wrap=True)
         if not found.complete:
             console.print(f"Interrupted at {len(found.verdicts)} of {len(found.asked)} formulas.")
-    return INTERRUPTED if not found.complete else 1 if found.failed() else 0
+    return INTERRUPTED if not found.complete else 1 if found.failed() or found.errors else 0
 
 
 def show(found: Hard, console: Console) -> None:
@@ -84,31 +86,44 @@ def show(found: Hard, console: Console) -> None:
     for oracle in sorted(others):
         names = ", ".join(a.formula.name for a in found.asked if a.oracle == oracle)
         console.print(f"Judged by {ORACLES[oracle]}: {names}.", soft_wrap=True)
+    for message in found.errors.values():
+        console.print(Text(message, "bold red"), soft_wrap=True)
     for verdict in found.failed():
         console.print(Text(verdict.sentence(), "bold red"), soft_wrap=True)
     points = sum(v.points for per in found.verdicts.values() for v in per.values())
     bad = len({v.name for v in found.failed()}) or "none"
-    console.print(f"{len(found.verdicts)} formulas at {points} points: {bad} beyond the limits.", soft_wrap=True)
+    formulas = counted(len(found.verdicts), "formula")
+    console.print(f"{formulas} at {points} points, in both precisions: {bad} beyond the limits.", soft_wrap=True)
 
 
 def table(found: Hard) -> Table:
     """Value and gradient C in both precisions, beside what is allowed."""
-    heads = ["value C\nfloat32", "\nfloat64", "\nlimit", "gradient C\nfloat32", "\nfloat64", "\nlimit", "\nlargest"]
-    heads += ["not\nfinite", "recip-\nrocal", "\npoints", "ill\nfloat32"]
-    made = Table("formula", *heads, box=None, padding=(0, 2, 0, 0))
-    for column in made.columns[1:]:
-        column.justify = "right"
+    heads = ["value\nf32", "C\nf64", "\nof", "grad.\nf32", "C\nf64", "\nof", "not\nfinite", "recip-\nrocal", "\nill"]
+    made = narrow_table("formula", heads)
     for name, verdicts in found.verdicts.items():
         per = [verdicts.get(p) for p in PRECISIONS]
         some = next(v for v in per if v is not None)
         given = [v for v in per if v is not None]
         row: list[Any] = [cell(v, "value") for v in per] + [f"{some.limits[0]:g}"]
-        row += [cell(v, "slope") for v in per] + [f"{some.limits[1]:g}", f"{max(v.slope_max for v in given):.2g}"]
+        row += [cell(v, "slope") for v in per] + [f"{some.limits[1]:g}"]
         count = sum(v.not_finite for v in given)
         same = {None: "", True: "yes", False: "NO"}[some.reciprocal and all(v.reciprocal for v in given)]
-        row += [Text(str(count), "bold red" if count else ""), same, str(some.points), f"{100 * some.ill:.1f} %"]
+        row += [Text(str(count), "bold red" if count else ""), same, f"{100 * left_out(some):.1f}%"]
         made.add_row(Text(name, "" if all(v.passed for v in given) else "bold red"), *row)
     return made
+
+
+def narrow_table(first: str, heads: Sequence[str]) -> Table:
+    """Figures in columns that stay whole; the names before them are folded where there is no room."""
+    made = Table(Column(first, overflow="fold"), box=None, padding=(0, 1, 0, 0))
+    for head in heads:
+        made.add_column(head, justify="right", no_wrap=True)
+    return made
+
+
+def left_out(verdict: Verdict) -> float:
+    """Share of the points at which no value is compared."""
+    return verdict.ill + verdict.kinks / verdict.points
 
 
 def cell(verdict: Verdict | None, what: str) -> Text:
@@ -121,14 +136,12 @@ def cell(verdict: Verdict | None, what: str) -> Text:
 
 def peer_table(pairs: Sequence[Any]) -> Table:
     """Mitsuba's beside ours."""
-    heads = ["value C\ntheirs", "\nours", "gradient C\ntheirs", "\nours", "not finite\ntheirs", "\nours", "\npoints"]
-    made = Table("Mitsuba's", *heads, box=None, padding=(0, 2, 0, 0))
-    for column in made.columns[1:]:
-        column.justify = "right"
+    heads = ["value C\ntheirs", "\nours", "gradient C\ntheirs", "\nours", "not finite\ntheirs", "\nours"]
+    made = narrow_table("Mitsuba's", heads)
     for pair in pairs:
         both = (pair.theirs, pair.ours)
         row = [f"{getattr(v, what):.3g}" for what in ("value", "slope_max") for v in both]
-        made.add_row(pair.theirs.name, *row, *(str(v.not_finite) for v in both), str(pair.ours.points))
+        made.add_row(pair.theirs.name, *row, *(str(v.not_finite) for v in both))
     return made
 
 

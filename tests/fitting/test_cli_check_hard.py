@@ -102,11 +102,13 @@ def test_an_outsiders(
 def test_refused(capfd: pytest.CaptureFixture[str]) -> None:
     for arguments, said in (
         ("check --hard", "name a model, or bricks, or give --all"),
-        ("check phong --all --hard", "name a model, or bricks, or give --all"),
+        ("check phong --all --hard", "phong and --all are both given"),
+        ("check phong --peers", "--peers goes with --hard"),
+        ("check phong --hard --seed 3", "--seed does not go with --hard"),
         ("check phong --hard --only energy", "--only does not go with --hard"),
         (
             "check roughconductor --hard",
-            "'roughconductor' is not a model with parameters of its own. There are: bricks, ",
+            "and roughconductor is neither. There are: bricks, ",
         ),
     ):
         code, out, err = run(arguments, capfd)
@@ -115,8 +117,36 @@ def test_refused(capfd: pytest.CaptureFixture[str]) -> None:
         assert err.count("\n") == 1
 
 
-def test_a_formula_that_fails(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Stated, "exact", lambda self, p, wi, wo: 1 / (p.exponent - p.exponent))
+@pytest.mark.parametrize(
+    ("exact", "said"),
+    [
+        (lambda self, p, wi, wo: 1 / (p.exponent - p.exponent), "exact failed at wi.x = "),
+        (lambda self, p, wi, wo: p.expnent, "AttributeError"),
+        (lambda self, p, wi, wo: p.exponent * float("nan"), "exact is nan at wi.x = "),
+    ],
+)
+def test_a_formula_that_fails(
+    exact: Any, said: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Stated, "exact", exact)
     code, _, err = run("check stated --hard", capfd)
     assert code == 3
-    assert "exact failed at wi.x = " in err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_a_formula_of_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light where the exact answer is 0."""
+    monkeypatch.setattr(hard.outsider, "POINTS", 50)
+    monkeypatch.setattr(Stated, "exact", lambda self, p, wi, wo: 0 * p.exponent)
+    code, out, _ = run("check stated --hard", capfd)
+    assert code == 1
+    assert "stated in float32: value off by inf roundings" in out
+
+
+def test_one_that_fails_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Stated, "exact", lambda self, p, wi, wo: p.expnent)
+    found = hard.run([*hard.by_name("stated"), *hard.by_name("lambertian")])
+    assert found.complete
+    assert set(found.errors) == {"stated", "stated, badly"}
+    assert list(found.verdicts) == ["lambertian"]
