@@ -59,6 +59,11 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     mean = 0.5 * (linear.r[0] + linear.r[1])
     rms = rms_of(mean, problem.target)
     said = remarks.about(parameters, found, sd, at_bound, values, rms, run.misfit)
+    if run.elsewhere is not None:
+        said.append(
+            f"Another start than the one given, found by a search, leads to a mean square residual {run.elsewhere:.3g} "
+            "times smaller: the fit went on from there."
+        )
     said += [text for view in run.views for text in view.remarks]
     variance = problem.noise(linear.r) + problem.sampling(linear.r)
     misfit, _ = problem.misfit(linear.r, variance)

@@ -44,6 +44,10 @@ MOST_SAMPLES = 8_000_000
 TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
 #: Pixels and samples a half for the search of a start.
 SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
+#: A given start is given up for another that makes the sum of squares smaller by so many variances of one residual.
+WORTHWHILE = 10.0
+#: A residual of this fraction of the picture is reason to look for another start than the one given.
+ASTRAY = 0.1
 #: Grid points where each is a rendering.
 SEARCH_RENDERINGS = 64
 #: Seeds are below this: Mitsuba takes 32 bits, and each view adds its number.
@@ -75,6 +79,7 @@ class Run:
     history: list[Step] = field(default_factory=list)
     x: Array | None = None
     start: Array | None = None
+    elsewhere: float | None = None
     problem: Problem | None = None
     levels: list[int] = field(default_factory=list)
     moved: Array | None = None
@@ -306,14 +311,44 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 
 def search(run: Run) -> None:
-    """Find the start, on some of the pixels and few samples."""
+    """Find the start, but for what is given of it."""
     given = [v for f in run.parameters.free for v in (np.full(f.size, np.nan) if f.start is None else f.start)]
+    run.start = run.x = look(run, np.array(given))
+
+
+def look(run: Run, given: Array) -> Array:
+    """Search for a start on some of the pixels and few samples; `given` are the values to keep, NaN elsewhere."""
     count = sum(len(where) for view in run.views for _, where in view.groups)
     exact = run.method == "exact"
     samples = SEARCH_SAMPLES if exact else RENDERED_LEVELS[0]
     coarse = run.build(samples, run.seed, max(1, count // SEARCH_PIXELS), halves=1)
     most = starts.MOST_POINTS if exact else SEARCH_RENDERINGS
-    run.start = run.x = starts.search(coarse, np.array(given), most, run.pause)
+    return starts.search(coarse, given, most, run.pause)
+
+
+def astray(run: Run) -> bool:
+    """Whether a fit from a given start may have missed the answer: without effect, at a bound, far from the target."""
+    assert run.problem is not None and run.x is not None and run.result is not None
+    linear = run.problem.linearize(run.x)
+    idle = np.diag(linear.hessian(run.problem.weights)) == 0
+    far = finish.rms_of(0.5 * (linear.r[0] + linear.r[1]), run.problem.target) > ASTRAY
+    return bool(not run.result.converged or idle.any() or any(finish.ends(run.parameters, run.x)) or far)
+
+
+def look_elsewhere(run: Run) -> None:
+    """Ask whether the search's own start leads to a smaller residual than the one given did; then go on from there.
+
+    A start far off may lie on a plateau: where no pixel sees a highlight, none says where to look for it.
+    """
+    assert run.problem is not None and run.x is not None
+    problem = run.problem
+    start = look(run, np.full(len(run.parameters), np.nan))
+    result = run.solver(problem, start, run.max_iterations, lambda *_: run.pause())
+    here, there = (
+        float(np.mean(problem.weights * (0.5 * (a + b)) ** 2)) for a, b in map(problem.residuals, (run.x, result.x))
+    )
+    if len(problem.target) * (here - there) > WORTHWHILE * there:
+        run.start, run.x, run.result, run.elsewhere = start, result.x, result, here / there
 
 
 def refine(run: Run, spp: int | None) -> None:
@@ -332,6 +367,9 @@ def refine(run: Run, spp: int | None) -> None:
     assert run.problem is not None and run.x is not None
     run.problem.residuals(run.x)  # for its kernel, which `reweigh` needs: none is compiled after the first iteration
     run.solve("equal weights")
+    # The first-order methods are there to compare: they go from where they are told.
+    if second_order and any(f.start is not None for f in run.parameters.free) and astray(run):
+        look_elsewhere(run)
     run.reweigh()
     run.solve("noise weights")
     if not second_order:
