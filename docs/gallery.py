@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 import plugins
 from fitting.images import to_srgb
+from plugins.scenes import stress
 
 Array = npt.NDArray[np.float64]
 
@@ -64,16 +65,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
 
 def sky() -> dict[str, Any]:
     """A studio far away: dark walls, a window with a cross, a strip of light, a bright ceiling."""
-    height, width = 256, 512
-    y, x = np.mgrid[0:height, 0:width] / height  # y from the zenith down; x once around is 2
-    light = np.zeros((height, width, 3), dtype=np.float32)
-    light += (0.10 + 0.22 * np.clip(0.5 - y, 0, 1))[..., None] * np.array([0.85, 0.95, 1.1])
-    window = (np.abs(x - 1.28) < 0.13) & (np.abs(y - 0.3) < 0.12)
-    cross = (np.abs(x - 1.28) < 0.008) | (np.abs(y - 0.3) < 0.008)
-    light[window & ~cross] = (14.0, 13.2, 12.0)
-    light[(np.abs(x - 0.66) < 0.03) & (np.abs(y - 0.42) < 0.22)] = (3.2, 4.0, 5.2)
-    light[(y < 0.08)] = 2.0
-    return {"type": "envmap", "bitmap": mi.Bitmap(light)}
+    return {"type": "envmap", "bitmap": mi.Bitmap(stress.sky(256))}
 
 
 def floor(height: float, size: float, tiles: float) -> dict[str, Any]:

@@ -55,7 +55,7 @@ def directions(m: float, rng: np.random.Generator) -> tuple[Array, Array]:
     h /= np.linalg.norm(h, axis=0)
     wo = 2 * (wi * h).sum(axis=0) * h - wi
     up = wo[2] > 0.02
-    return tuple(w[:, up].astype(np.float32).astype(np.float64) for w in (wi, wo))  # type: ignore[return-value]
+    return tuple(w[:, up].astype(np.float32).astype(np.float64) for w in (wi, wo))  # type: ignore[return-value]  (two of them)
 
 
 def exact(wi: Array, wo: Array, m: float) -> tuple[Array, Array]:
@@ -199,7 +199,7 @@ def models() -> str:
         lines.append(f"| {name} | {m['points']} | {' | '.join(cells)} | {m['non_finite']} |")
     lines += ["", "| Mitsuba's | value | ours | derivative | ours | not finite |", "|---|---|---|---|---|---|"]
     for pair in peers.compare():
-        cells = [f"{getattr(v, what):.2g}" for what in ("value", "slope_max") for v in (pair.theirs, pair.ours)]
+        cells = [f"{getattr(v, what):.2g}" for what in ("value", "slope") for v in (pair.theirs, pair.ours)]
         lines.append(f"| {pair.theirs.name} | {' | '.join(cells)} | {pair.theirs.not_finite} |")
     return "\n".join(lines)
 

@@ -59,7 +59,7 @@ class Hard:
             "value_p99": max(v.value_p99 for v in verdicts),
             "gradient_c": max(v.slope for v in verdicts),
             "gradient_p99": max(v.slope_p99 for v in verdicts),
-            "gradient_max": max(v.slope_max for v in verdicts),
+            "gradient_max": max(v.slope for v in verdicts),
             "non_finite": sum(v.not_finite for v in verdicts),
             "reciprocal": all(declared) if declared else None,
             "dark_below_horizon": all(v.dark for v in verdicts),

@@ -25,7 +25,7 @@ PRECISIONS = tuple(VECTOR)
 ILL = 0.1
 #: Numbers that have underflowed are forgiven this many times the smallest normal number, in units of the peak.
 UNDERFLOW = 1e4
-#: And a derivative as many times more.
+#: And a derivative as many times more: what it is made of on the way is smaller than it, and loses its digits sooner.
 LONGER = 1000
 #: Roundings of its inputs within which a derivative that jumps may be that of the other side.
 AT_KINK = 8
@@ -44,8 +44,8 @@ class Verdict:
     name, precision : str
     points : int
     value, slope : float
-        The largest error of the value, and of a derivative (of the share that the limits hold to).
-    value_p99, slope_p99, slope_max : float
+        The largest error of the value, and of a derivative.
+    value_p99, slope_p99 : float
     ill : float
         Share of the points where the problem itself does not permit an answer: only that it is finite is asked.
     kinks : int
@@ -67,7 +67,6 @@ class Verdict:
     value_p99: float
     slope: float
     slope_p99: float
-    slope_max: float
     ill: float
     kinks: int
     not_finite: int
@@ -185,9 +184,8 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         points=len(exact),
         value=largest(value_c),
         value_p99=largest(value_c, 0.99),
-        slope=largest(flat, formula.limits.share),
+        slope=largest(flat),
         slope_p99=largest(flat, 0.99),
-        slope_max=largest(flat),
         ill=float(np.mean(~well)),
         kinks=int(np.sum(~smooth)),
         not_finite=count,

@@ -19,17 +19,18 @@ Points = Callable[[np.random.Generator, int], Mapping[str, Array]]
 WI, WO = ("wi.x", "wi.y", "wi.z"), ("wo.x", "wo.y", "wo.z")
 
 ALBEDO = among(HARD["albedo"])
-#: A diffuse base adds its albedo over pi: it would hide the lobe, and is there at one point of ten.
-BLACK: Draw = lambda rng, n: np.where(rng.random(n) < 0.1, ALBEDO(rng, n), 0.0)  # noqa: E731
+
+
+def BLACK(rng: np.random.Generator, n: int) -> Array:
+    """Albedos of a diffuse base, nine of ten 0: it would hide the lobe, to which it adds its albedo over pi."""
+    return np.where(rng.random(n) < 0.1, ALBEDO(rng, n), 0.0)
 
 
 class Limits(NamedTuple):
-    """Roundings that value and derivatives may be off, and the share of points at which the derivatives are held to
-    it."""
+    """Roundings that value and derivatives may be off."""
 
     value: float
     slope: float
-    share: float = 1.0
 
 
 SHARP = Limits(4, 4)  # D, G, Ward, Blinn, Hanrahan and Krueger, dipole, Schlick

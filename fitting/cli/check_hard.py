@@ -140,7 +140,7 @@ def peer_table(pairs: Sequence[Any]) -> Table:
     made = narrow_table("Mitsuba's", heads)
     for pair in pairs:
         both = (pair.theirs, pair.ours)
-        row = [f"{getattr(v, what):.3g}" for what in ("value", "slope_max") for v in both]
+        row = [f"{getattr(v, what):.3g}" for what in ("value", "slope") for v in both]
         made.add_row(pair.theirs.name, *row, *(str(v.not_finite) for v in both))
     return made
 

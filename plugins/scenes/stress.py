@@ -177,9 +177,9 @@ ROOM = """\
 """
 
 
-def sky() -> np.ndarray[Any, np.dtype[np.float32]]:
+def sky(height: int = 128) -> np.ndarray[Any, np.dtype[np.float32]]:
     """What is around, radiance: a dim room, a window with a cross, a strip of light, a bright ceiling."""
-    height, width = 128, 256
+    width = 2 * height
     y, x = np.mgrid[0:height, 0:width] / height  # y from the zenith down; x once around is 2
     light = np.zeros((height, width, 3), dtype=np.float32)
     light += (0.10 + 0.22 * np.clip(0.5 - y, 0, 1))[..., None] * np.array([0.85, 0.95, 1.1])

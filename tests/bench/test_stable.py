@@ -8,8 +8,8 @@ from tests.bench.price import CASES, RATIONAL, prices
 
 #: In float32, of the value.
 LIMIT = 1.15
-#: What costs more: F of a metal by itself, as the text book's cancels next to 1 and at Brewster's angle (in the whole model
-#: it is within the limit), and Phong's lobe, which is little but a power; the stable one adds a distance and a division.
+#: What costs more: F of a metal by itself, as the text book's, which is shorter, cancels next to 1 and at Brewster's angle;
+#: and Phong's lobe, which is little but a power: the stable one adds a distance and a division.
 MORE = {"F, conductor": 1.5, "phong": 1.7}
 
 
