@@ -47,7 +47,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     found = uncertainty.estimate(problem, linear, x, at_bound)
     covariance_x = found.covariance.copy()
     if run.moved is not None:
-        # The finer of two sample counts that differ by a factor 4 has a third of their difference left (error ~ 1/n).
+        # Of two sample counts that differ by a factor 4, the finer has a third of their difference left (error ~ 1/n).
         covariance_x[np.diag_indices_from(covariance_x)] += (run.moved / 3) ** 2
     slope = parameters.slope(x)
     values = parameters.values(x)
@@ -58,7 +58,8 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     low, high = interval(parameters, x, np.sqrt(np.maximum(np.diag(covariance_x), 0.0)), found.quantile, at_bound)
     mean = 0.5 * (linear.r[0] + linear.r[1])
     rms = rms_of(mean, problem.target)
-    said = remarks.about(parameters, found, sd, at_bound, values, rms, run.misfit)
+    half = remarks.half_widths(parameters, low, high, at_bound)
+    said = remarks.about(parameters, found, sd, at_bound, values, half, run.precision, rms, run.misfit)
     if run.elsewhere is not None:
         said.append(
             f"Another start than the one given, found by a search, leads to a mean square residual {run.elsewhere:.3g} "
@@ -67,7 +68,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
     said += [text for view in run.views for text in view.remarks]
     variance = problem.noise(linear.r) + problem.sampling(linear.r)
     misfit, _ = problem.misfit(linear.r, variance)
-    converged, status = verdict(run, linear, found, sd, interrupted)
+    converged, status = verdict(run, linear, found, sd, half > run.precision, interrupted)
     parameters.place(x)
     seconds = time.perf_counter() - run.began
     materials = {f.material.id: f.material.bsdf for f in parameters.free}
@@ -145,8 +146,10 @@ def rms_of(residual: Array, target: Array) -> float:
     return float(np.sqrt(np.mean(residual**2) / np.mean(target**2)))
 
 
-def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted: bool) -> tuple[bool, str]:
-    """Whether the fit converged, and a sentence."""
+def verdict(
+    run: Run, linear: Linear, found: Uncertainty, sd: Array, loose: npt.NDArray[np.bool_], interrupted: bool
+) -> tuple[bool, str]:
+    """Whether the fit converged, and a sentence. `loose` marks components whose error bar is too wide to tell them."""
     assert run.result is not None or interrupted
     count = f"{run.history[-1].iteration} iterations" if run.history else "0 iterations"
     if interrupted:
@@ -156,7 +159,7 @@ def verdict(run: Run, linear: Linear, found: Uncertainty, sd: Array, interrupted
         )
     assert run.result is not None and run.problem is not None and run.x is not None
     names = np.array(run.parameters.components)
-    lost = names[~np.isfinite(sd) | ~found.effect]
+    lost = names[~np.isfinite(sd) | ~found.effect | loose]
     if not run.result.converged:
         return (
             False,

@@ -18,6 +18,7 @@ from plugins import xmlfile
 
 from . import images, report
 from .files import replacing
+from .remarks import PRECISION
 from .solution import Solution
 
 #: Names of what `write` leaves.
@@ -129,6 +130,7 @@ def command(settings: dict[str, Any]) -> str:
     words += ["--solver", settings["solver"], "--iterations", str(settings["max_iterations"])]
     if settings["spp"] is not None:
         words += ["--spp", str(settings["spp"])]
+    words += ["--precision", repr(settings["precision"])] if settings["precision"] != PRECISION else []
     if settings["asked_method"] != "auto":
         words += ["--method", settings["asked_method"]]
     return shlex.join([*words, "--seed", str(settings["seed"]), "--out", "DIR"])

@@ -231,22 +231,26 @@ class Problem:
         middle, after = self.beside(1, right)
         before, here = left[middle], right[middle]
         within = self.sampling(residuals)
-        square = (mean[here] - 0.5 * (mean[before] + mean[after])) ** 2 / 1.5
-        own = (within[here] + 0.25 * (within[before] + within[after])) / 1.5
-        if len(here) < ENOUGH_PIXELS:
-            here, square, own = np.arange(len(mean)), mean**2, within
         t, s = predicted / self.scale, within / self.scale**2
+
+        def combined(v: Array) -> Array:
+            """What independent variances make the variance of a second difference: neighbours may be far brighter."""
+            return (v[here] + 0.25 * (v[before] + v[after])) / 1.5
+
+        square = (mean[here] - 0.5 * (mean[before] + mean[after])) ** 2 / 1.5 / self.scale**2
+        x, x2, own = combined(t), combined(t * t), combined(s)
+        if len(here) < ENOUGH_PIXELS:
+            square, x, x2, own = (mean / self.scale) ** 2, t, t * t, s
         bins = [
             group
-            for key in (t[here], own)
+            for key in (x2, own)
             for group in np.array_split(np.argsort(key, kind="stable"), NOISE_BINS)
             if len(group)
         ]
-        total = np.array([square[g].mean() for g in bins]) / self.scale**2
-        mine = np.array([own[g].mean() for g in bins]) / self.scale**2
+        total = np.array([square[g].mean() for g in bins])
+        mine = np.array([own[g].mean() for g in bins])
         variance = np.maximum(np.maximum(total - mine, LEAST * total), ROUNDING**2)
-        x = t[here]
-        basis = np.array([[1.0, x[g].mean(), np.mean(x[g] ** 2), mine[i]] for i, g in enumerate(bins)])
+        basis = np.array([[1.0, x[g].mean(), x2[g].mean(), mine[i]] for i, g in enumerate(bins)])
         fitted = variance
         for _ in range(LIKELIHOOD_STEPS):
             a, b, c, d = nnls(basis / fitted[:, None], variance / fitted)[0]

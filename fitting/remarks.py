@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from brdf import Param
+
 from .parameters import Parameters
 from .uncertainty import Uncertainty
 
@@ -16,8 +18,9 @@ INSEPARABLE = 0.95
 NOT_NOISE = 0.3
 #: Below this standard deviation, in the coordinate of its scale, nobody asks for more samples.
 FINE = 1e-3
-#: A standard deviation in a logarithmic coordinate beyond which a parameter is not determined.
-UNDETERMINED = 0.5
+#: Half of a 95 % interval, in a logarithmic coordinate, beyond which a parameter is not determined: its ends differ by
+#: a factor of 2.
+PRECISION = 0.35
 #: Share of the fit's own sampling noise in the residual from which more samples would help.
 OWN_NOISE = 0.5
 
@@ -28,10 +31,12 @@ def about(
     sd: Array,
     at_bound: npt.NDArray[np.bool_],
     values: Array,
+    half: Array,
+    precision: float,
     rms: float,
     misfit: bool,
 ) -> list[str]:
-    """All remarks that hold, the gravest first."""
+    """All remarks that hold, the gravest first; `half` is what `half_widths` says."""
     names, correlation = parameters.components, uncertainty.confusion
     out = []
     for i, name in enumerate(names):
@@ -56,10 +61,12 @@ def about(
         if at_bound[i] and uncertainty.effect[i]:
             end = "lower" if abs(values[i] - p.bounds[0]) < abs(values[i] - p.bounds[1]) else "upper"
             out.append(f"{name} lies at its {end} bound {p.range_text()}; its interval ends there.")
-        if not at_bound[i] and p.scale in ("log", "log_minus_one") and np.isfinite(sd[i]):
-            base = values[i] - 1 if p.scale == "log_minus_one" else values[i]
-            if sd[i] > UNDETERMINED * base:
-                out.append(f"{name} is hardly determined: its standard deviation is {100 * sd[i] / base:.0f} % of it.")
+        if half[i] > precision and uncertainty.effect[i]:
+            of = f"{name} - 1" if origin(p) else "it"
+            out.append(
+                f"{name} is not determined: the ends of its 95 % interval differ by {spread(half[i])} of {of}, where "
+                f"{spread(precision)} is asked for."
+            )
     if misfit or uncertainty.correlation_at_4 > NOT_NOISE:
         out.append(
             f"The residual ({100 * rms:.2g} % of the picture) is not noise: pixels err alike (correlation "
@@ -71,6 +78,31 @@ def about(
             f"{100 * uncertainty.sampling_share:.0f} % of the residual's variance is the fit's own sampling noise: "
             "more samples (--spp) would narrow the error bars."
         )
+    return out
+
+
+def origin(p: Param) -> float:
+    """Where a logarithmic scale counts from: ``m - 0``, ``eta - 1``."""
+    return 1.0 if p.scale == "log_minus_one" else 0.0
+
+
+def spread(half: float) -> str:
+    """By how much the ends of an interval differ, in words, by half of it in a logarithmic coordinate."""
+    return f"a factor {np.exp(2 * half):.2g}" if half > 0.2 else f"{100 * np.expm1(2 * half):.2g} %"
+
+
+def half_widths(parameters: Parameters, low: Array, high: Array, at_bound: npt.NDArray[np.bool_]) -> Array:
+    """Half of each 95 % interval in the logarithm of its scale; 0 for components of other scales.
+
+    And for what lies at a bound where its scale ends, as no extinction or an index of 1: it has a place on no such
+    scale.
+    """
+    out = np.zeros(len(low))
+    for i, p in enumerate(parameters.params):
+        at_end = at_bound[i] and p.bounds[0] <= origin(p)
+        if p.scale in ("log", "log_minus_one") and np.isfinite(low[i]) and not at_end:
+            below = max(low[i] - origin(p), 0.0)
+            out[i] = 0.5 * np.log((high[i] - origin(p)) / below) if below > 0 else np.inf
     return out
 
 

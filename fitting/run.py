@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import math
 import os
 import signal
 import threading
@@ -21,29 +20,27 @@ import numpy.typing as npt
 from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
-from . import finish, pixels, starts, uncertainty
+from . import finish, samples, starts, uncertainty
 from .method import kind_of, why_rendered
 from .parameters import Parameters, asked, resolve
 from .picture import Picture
 from .picture.exact import ExactPicture
 from .picture.rendered import RenderedPicture
-from .problem import Linear, Problem
+from .problem import Problem
+from .remarks import PRECISION
 from .solution import Solution, Step
-from .solvers import Result, Solver, methods
+from .solvers import Result, Solver, lm, methods
 from .views import Prepared, Target, prepare
 
 Array = npt.NDArray[np.float64]
 Method = Literal["auto", "exact", "rendered"]
 
 VARIANT = "llvm_ad_rgb"
-#: Samples a pixel in each half, level by level: the last two of those that were run are compared.
-EXACT_LEVELS, RENDERED_LEVELS = (4, 16, 64, 256), (8, 32, 128)
-#: Samples kept in memory for all pictures together, at some 200 bytes each.
-MOST_SAMPLES = 8_000_000
-#: Beyond so many an explicit request is refused.
-TOO_MANY_SAMPLES = 8 * MOST_SAMPLES
-#: Pixels and samples a half for the search of a start.
-SEARCH_PIXELS, SEARCH_SAMPLES = 4000, 1
+#: Pixels for the search of a start, with one sample a half; where there are fewer, more samples each.
+SEARCH_PIXELS = 4000
+#: How often samples are placed by where the fit so far sees a sharp highlight; less than this in every coordinate, and
+#: that has not moved.
+GUIDES, MOVED = 2, 0.05
 #: A given start is given up for another that makes the sum of squares smaller by so many variances of one residual.
 WORTHWHILE = 10.0
 #: A residual of this fraction of the picture is reason to look for another start than the one given.
@@ -72,6 +69,7 @@ class Run:
     method: str
     solver: Solver
     max_iterations: int
+    precision: float
     seed: int
     report: Callable[[Step], None]
     scene: scenes.Scene
@@ -83,6 +81,10 @@ class Run:
     problem: Problem | None = None
     levels: list[int] = field(default_factory=list)
     moved: Array | None = None
+    #: How bright each part of each film is, where some pixels see a sharp highlight, for samples to be placed there.
+    guides: list[Array] = field(default_factory=list)
+    #: The problem from other samples, of which weights are made.
+    other: Problem | None = None
     noise: Array | None = None
     misfit: bool = False
     result: Result | None = None
@@ -93,21 +95,20 @@ class Run:
         if self.pressed():
             raise KeyboardInterrupt
 
-    def build(self, samples: int, seed: int, every: int = 1, halves: int = 2) -> Problem:
+    def build(self, count: int, seed: int, every: int = 1, halves: int = 2) -> Problem:
         """The problem with this many samples a half, on every `every`-th pixel."""
         pictures: list[Picture] = []
         for number, view in enumerate(self.views):
             groups = [(bsdf, where[::every]) for bsdf, where in view.groups]
             if self.method == "exact":
-                pictures.append(ExactPicture(self.scene.scene, view.sensor, groups, samples, seed + number))
+                guide = self.guides[number] if self.guides else None
+                pictures.append(ExactPicture(self.scene.scene, view.sensor, groups, count, seed + number, guide))
             else:
                 where = np.concatenate([w for _, w in groups])
                 together = self.parameters.together()
                 scene = self.scene.scene
                 pictures.append(
-                    RenderedPicture(
-                        scene, view.sensor, self.integrator, together, where, samples, seed + number, halves
-                    )
+                    RenderedPicture(scene, view.sensor, self.integrator, together, where, count, seed + number, halves)
                 )
         differences = wrongly_derived(self.parameters, self.integrator) if self.method == "rendered" else ()
         return Problem(self.parameters, pictures, [v.target for v in self.views], differences)
@@ -131,20 +132,20 @@ class Run:
         self.result = self.solver(self.problem, self.x, self.max_iterations, progress)
         self.x = self.result.x
 
-    def reweigh(self) -> None:
-        """Weigh each residual by the inverse of its noise, unless there is more than noise in them.
+    def reweigh(self, whatever: bool = False) -> None:
+        """Weigh each residual by the inverse of its noise, unless there is more than noise in them (or `whatever` is).
 
-        Where the model cannot explain the picture, pixels count alike: the answer is then that
-        of least mean square error. By their noise, the bright ones would count least, and a highlight of another shape
-        than the model's would be given up.
+        Where the model cannot explain the picture, pixels count alike: the answer is then that of least mean square
+        error. By their noise, the bright ones would count least, and a highlight of another shape than the model's
+        would be given up.
         """
         assert self.problem is not None and self.x is not None
         # From samples of their own: by those of the residuals, a pixel that these make too dark would count more.
-        other = self.build(self.levels[-2:][0], self.seed + 2000)
+        other = self.other = self.other or self.build(self.levels[-2:][0], self.seed + 2000)
         residuals = other.residuals(self.x)
         self.noise = other.noise(residuals)
         _, self.misfit = other.misfit(residuals, self.noise + other.sampling(residuals))
-        if self.misfit:
+        if self.misfit and not whatever:
             self.problem.weigh_equally()
         else:
             self.problem.weigh(1.0 / self.noise)
@@ -161,6 +162,7 @@ def fit(
     seed: int = 0,
     max_iterations: int | None = None,
     method: Method = "auto",
+    precision: float = PRECISION,
     progress: Callable[[Step], None] | None = None,
     defaults: Mapping[str, object] | None = None,
 ) -> Solution:
@@ -186,6 +188,9 @@ def fit(
     method : {"auto", "exact", "rendered"}
         How pictures are predicted: from cached hit points, exact for direct light from points and directions; or
         through the scene's integrator. "auto" takes the first where it applies.
+    precision : float
+        A parameter on a logarithmic scale, as m or eta - 1, is called not determined, and the fit not converged, where
+        half of its 95 % interval is more than this, in its logarithm.
     progress : function of a `Step`, optional
         Called after each iteration.
     defaults : dict, optional
@@ -210,6 +215,8 @@ def fit(
         raise UsageError(f"spp = {spp}: at least 4 samples a pixel are needed, two in each half.")
     if max_iterations is not None and max_iterations < 1:
         raise UsageError(f"max_iterations = {max_iterations}: at least 1 is needed.")
+    if not precision > 0:
+        raise UsageError(f"precision = {precision}: expected a number above 0, as 0.01 for 1 %.")
     if not 0 <= seed < SEEDS:
         raise UsageError(f"seed = {seed}: expected a whole number from 0 to {SEEDS - 1}.")
     if mi.variant() is None or not mi.variant().endswith("ad_rgb"):
@@ -231,6 +238,7 @@ def fit(
         method="rendered" if method == "rendered" or why else "exact",
         solver=solvers[solver],
         max_iterations=max_iterations or (RENDERED_ITERATIONS if why and solver == "lm" else ITERATIONS[solver]),
+        precision=precision,
         seed=seed,
         report=progress or (lambda step: None),
         scene=loaded,
@@ -258,6 +266,7 @@ def fit(
             "max_iterations": run.max_iterations,
             "spp": spp,
             "samples": [2 * n for n in run.levels],
+            "precision": precision,
             "seed": seed,
             "asked_method": method,
             "method": run.method,
@@ -317,22 +326,22 @@ def search(run: Run) -> None:
 
 
 def look(run: Run, given: Array) -> Array:
-    """Search for a start on some of the pixels and few samples; `given` are the values to keep, NaN elsewhere."""
+    """Search for a start on some of the pixels and with few samples; `given` are the values to keep, NaN elsewhere."""
     count = sum(len(where) for view in run.views for _, where in view.groups)
     exact = run.method == "exact"
-    samples = SEARCH_SAMPLES if exact else RENDERED_LEVELS[0]
-    coarse = run.build(samples, run.seed, max(1, count // SEARCH_PIXELS), halves=1)
+    each = max(1, SEARCH_PIXELS // max(count, 1)) if exact else samples.RENDERED_LEVELS[0]
+    coarse = run.build(each, run.seed, max(1, count // SEARCH_PIXELS), halves=1)
     most = starts.MOST_POINTS if exact else SEARCH_RENDERINGS
     return starts.search(coarse, given, most, run.pause)
 
 
 def astray(run: Run) -> bool:
-    """Whether a fit from a given start may have missed the answer: without effect, at a bound, far from the target."""
+    """Whether a fit from a given start may have missed the answer: at a bound, on a plateau, far from the target."""
     assert run.problem is not None and run.x is not None and run.result is not None
     linear = run.problem.linearize(run.x)
-    idle = np.diag(linear.hessian(run.problem.weights)) == 0
+    plateau = lm.propose(run.problem, linear, run.x, 0.0)[2] > lm.WIDEST
     far = finish.rms_of(0.5 * (linear.r[0] + linear.r[1]), run.problem.target) > ASTRAY
-    return bool(not run.result.converged or idle.any() or any(finish.ends(run.parameters, run.x)) or far)
+    return bool(not run.result.converged or plateau.any() or any(finish.ends(run.parameters, run.x)) or far)
 
 
 def look_elsewhere(run: Run) -> None:
@@ -341,11 +350,15 @@ def look_elsewhere(run: Run) -> None:
     A start far off may lie on a plateau: where no pixel sees a highlight, none says where to look for it.
     """
     assert run.problem is not None and run.x is not None
+    before, start = run.x, look(run, np.full(len(run.parameters), np.nan))
+    run.x = start
+    if run.method == "exact" and samples.guide(run):
+        run.problem = run.build(run.levels[-1], run.seed + 1000)
     problem = run.problem
-    start = look(run, np.full(len(run.parameters), np.nan))
     result = run.solver(problem, start, run.max_iterations, lambda *_: run.pause())
+    run.x = before
     here, there = (
-        float(np.mean(problem.weights * (0.5 * (a + b)) ** 2)) for a, b in map(problem.residuals, (run.x, result.x))
+        float(np.mean(problem.weights * (0.5 * (a + b)) ** 2)) for a, b in map(problem.residuals, (before, result.x))
     )
     if len(problem.target) * (here - there) > WORTHWHILE * there:
         run.start, run.x, run.result, run.elsewhere = start, result.x, result, here / there
@@ -359,9 +372,7 @@ def refine(run: Run, spp: int | None) -> None:
     Gauss-Newton step there.
     """
     second_order = run.solver is methods()["lm"]
-    if spp is not None:
-        afford(run, spp)
-    levels = levels_of(run) if spp is None else [max(2, spp // 8), (spp + 1) // 2] if spp >= 16 else [(spp + 1) // 2]
+    levels = samples.levels(run, spp)
     first = levels[0] if second_order else levels[min(1, len(levels) - 1)]
     begin(run, first)
     assert run.problem is not None and run.x is not None
@@ -370,18 +381,30 @@ def refine(run: Run, spp: int | None) -> None:
     # The first-order methods are there to compare: they go from where they are told.
     if second_order and any(f.start is not None for f in run.parameters.free) and astray(run):
         look_elsewhere(run)
-    run.reweigh()
+    if second_order and run.method == "exact":
+        sharpen(run)
+    equal = run.x
+    # Where some pixels are much brighter than others, equal weights leave an error that in the dark ones is more than
+    # noise: whether the model explains the picture is seen once all count by their noise.
+    run.reweigh(whatever=second_order)
     run.solve("noise weights")
     if not second_order:
         check_samples(run, first)
         return
     run.reweigh()
-    run.solve("noise weights")
-    for samples in levels[1:]:
+    if run.misfit:
+        run.x = equal
+    run.solve("equal weights" if run.misfit else "noise weights")
+    for count in levels[1:]:
+        if not samples.fits(run, count):
+            if spp is None:
+                return
+            run.guides = []
         before = run.x
-        begin(run, samples)
+        run.other = None
+        begin(run, count)
         run.reweigh()
-        run.solve(f"{2 * samples} samples")
+        run.solve(f"{2 * count} samples")
         assert run.problem is not None and run.x is not None and before is not None
         run.moved = run.x - before
         linear = run.problem.linearize(run.x)
@@ -390,8 +413,25 @@ def refine(run: Run, spp: int | None) -> None:
         moved = np.abs(run.moved[found.effect])
         still = bool(np.all(np.isfinite(sd) & (moved <= np.maximum(STILL * np.nan_to_num(sd), 1e-6))))
         fine = bool(np.all(sd <= FINE))
-        if still and (fine or widening(run, linear, found) <= QUIET):
+        if still and (fine or samples.widening(run, linear, found) <= QUIET):
             break
+
+
+def sharpen(run: Run) -> None:
+    """Solve again with more samples where there are far too few, before weights are made from what is taken for noise.
+
+    A pixel whose highlight the samples miss would get a noise as large as that, and then no weight to put it right.
+    """
+    assert run.problem is not None and run.x is not None
+    for _ in range(GUIDES):
+        before = run.x
+        if not samples.guide(run) or not samples.fits(run, run.levels[-1]):
+            run.guides = []
+            return
+        run.problem = run.build(run.levels[-1], run.seed + 1000)
+        run.solve("equal weights")
+        if np.all(np.abs(run.x - before) < MOVED):
+            return
 
 
 def wrongly_derived(parameters: Parameters, integrator: mi.Integrator) -> list[int]:
@@ -405,50 +445,16 @@ def wrongly_derived(parameters: Parameters, integrator: mi.Integrator) -> list[i
     return wrong
 
 
-def widening(run: Run, linear: Linear, found: uncertainty.Uncertainty) -> float:
-    """By what fraction the fit's own samples widen the error bars, at worst."""
-    assert run.problem is not None and run.noise is not None
-    if run.misfit:
-        return 0.5 * found.sampling_share
-    live = np.flatnonzero(np.isfinite(found.sd))
-    w = run.problem.weights
-    h = linear.hessian(w)[np.ix_(live, live)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
-    inverse = np.linalg.pinv(h * np.outer(scale, scale))
-    score = 0.5 * (linear.jacobian[0] + linear.jacobian[1])[:, live] * (w * scale[:, None]).T
-    own = score.T @ (run.problem.sampling(linear.r)[:, None] * score)
-    noise, samples = np.diag(inverse), np.diag(inverse @ own @ inverse)
-    return float(np.sqrt(np.max(1.0 + samples / np.maximum(noise, 1e-300), initial=1.0))) - 1.0
-
-
-def afford(run: Run, spp: int) -> None:
-    """Refuse a sample count that does not fit into memory."""
-    one = sum(math.prod(pixels.film_size(v.sensor)) for v in run.views)
-    if run.method == "exact":
-        one = sum(len(where) for view in run.views for _, where in view.groups) * len(run.scene.scene.emitters())
-    if one * spp > TOO_MANY_SAMPLES:
-        raise UsageError(f"spp = {spp} needs more memory than there may be. Take at most {TOO_MANY_SAMPLES // one}.")
-
-
-def begin(run: Run, samples: int) -> None:
+def begin(run: Run, count: int) -> None:
     """Take up the problem with this many samples a half."""
-    run.problem = run.build(samples, run.seed + 1000)
-    run.levels.append(samples)
+    run.problem = run.build(count, run.seed + 1000)
+    run.levels.append(count)
 
 
-def levels_of(run: Run) -> list[int]:
-    """Samples a half to go through, as far as memory allows."""
-    if run.method == "rendered":
-        return list(RENDERED_LEVELS)
-    lights = len(run.scene.scene.emitters())
-    count = sum(len(where) for view in run.views for _, where in view.groups)
-    return [n for n in EXACT_LEVELS if 2 * n * lights * count <= MOST_SAMPLES] or [EXACT_LEVELS[0]]
-
-
-def check_samples(run: Run, samples: int) -> None:
+def check_samples(run: Run, count: int) -> None:
     """How far four times the samples would move the answer."""
     assert run.problem is not None and run.x is not None
     weights = run.problem.weights
-    finer = run.build(4 * samples, run.seed + 1000).linearize(run.x)
+    finer = run.build(4 * count, run.seed + 1000).linearize(run.x)
     h, g = finer.hessian(weights), finer.gradient(weights)
     run.moved = np.asarray(np.clip(np.linalg.lstsq(h, -g, rcond=1e-9)[0], -1.0, 1.0), dtype=np.float64)

@@ -13,6 +13,7 @@ from scipy.stats import qmc
 
 from brdf import Param
 
+from .parameters import Parameters
 from .problem import Problem
 from .solvers import lm
 
@@ -66,7 +67,7 @@ def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Calla
     defaults = np.array([default(q, c) for q, c in zip(parameters.params, parameters.components, strict=True)])
     base = np.where(open_, defaults, fixed)
     if not axes and not fractions:
-        return parameters.free_of(base)
+        return parameters.free_of(off_the_ends(parameters, base))
     channel = np.array([CHANNELS.find(c[-1]) if c[-2] == "." else -1 for c in parameters.components])
     channel[[p.kind != "colour" for p in parameters.params]] = -1
     found: dict[tuple[float, ...], tuple[Array, Array]] = {}
@@ -94,11 +95,15 @@ def search(problem: Problem, fixed: Array, most: int = MOST_POINTS, pause: Calla
             losses = with_colours(problem, values, solvable[:0])[0]
         if losses.sum() < least:
             best, least = values, float(losses.sum())
-    # At an end of a logit scale the slope vanishes: a colour found to be black starts a little off it.
-    ends = np.array([parameters.params[i].bounds for i in solvable]).reshape(-1, 2)
-    inset = INSET * (ends[:, 1] - ends[:, 0])
-    best[solvable] = np.clip(best[solvable], ends[:, 0] + inset, ends[:, 1] - inset)
-    return parameters.free_of(best)
+    return parameters.free_of(off_the_ends(parameters, best))
+
+
+def off_the_ends(parameters: Parameters, values: Array) -> Array:
+    """`values`, but no fraction at an end of its range, where the slope of the logit scale vanishes."""
+    low, high = np.array([p.bounds for p in parameters.params]).T
+    inset = np.array([INSET if p.scale == "logit" else 0.0 for p in parameters.params])
+    inset = np.where(inset > 0, inset * (high - low), 0.0)
+    return np.clip(values, low + inset, high - inset)
 
 
 def scan(

@@ -55,6 +55,13 @@ def command(
     seed: Annotated[int, typer.Option(help="Of all random numbers.")] = 0,
     iterations: Annotated[int | None, typer.Option(help="At most so many in each run of the solver.")] = None,
     method: Annotated[MethodName, typer.Option(help="How pictures are predicted.")] = MethodName.auto,
+    precision: Annotated[
+        float | None,
+        typer.Option(
+            help="Half a 95 % interval of m, eta - 1 and the like, as a fraction, that still determines it. "
+            "Default: one whose ends differ by a factor 2."
+        ),
+    ] = None,
     define: Annotated[list[str], typer.Option("-D", metavar="NAME=VALUE", help="A value for $NAME in the scene.")] = [],  # noqa: B006
     as_json: Json = False,
 ) -> int:
@@ -67,6 +74,7 @@ def command(
     masks = once("--mask", [pair(m, "--mask", "CAMERA=IMAGE") if "=" in m else (only(targets), m) for m in mask])
 
     from .. import output
+    from ..remarks import PRECISION
     from ..run import fit as run
 
     output.ready(out, [scene, *targets.values(), *masks.values()])
@@ -80,6 +88,7 @@ def command(
         seed=seed,
         max_iterations=iterations,
         method=method.value,
+        precision=PRECISION if precision is None else precision,
         progress=printer(),
         defaults=defaults,
     )

@@ -16,12 +16,14 @@ DAMPING, DAMPING_DOWN, DAMPING_UP = 1e-3, 0.2, 5.0
 DAMPING_MOST = 1e8
 #: Eigenvalues of the scaled normal matrix are raised to this fraction of the largest.
 SINGULAR = 1e-9
-#: Longest step in any coordinate: a factor e in m, or in eta - 1.
+#: Longest step in each coordinate: a factor e in m, or in eta - 1. One that hardly acts yet asks for a huge step, which
+#: must not shorten those of the others.
 LONGEST_STEP = 1.0
 #: A step below this moves a parameter by less than float32 resolves.
 SMALLEST_STEP = 1e-7
-#: A step this small against the standard deviation does not change the answer.
-ENOUGH = 0.02
+#: A step this small against the standard deviation does not change the answer. What is far from the answer, or hardly
+#: acts, has a standard deviation that says nothing: it is taken as this at most.
+ENOUGH, WIDEST = 0.02, 1.0
 #: Within this many standard deviations undamped steps are taken without asking whether the loss falls, so many at most.
 #: What is sought is the root of the gradient; a rendered loss is rougher than its gradient, since its paths change with
 #: the material. Where the fit is still so bad that a standard deviation is long, a step must be this short as well.
@@ -44,7 +46,7 @@ def solve(problem: Problem, start: Array, max_iterations: int, progress: Progres
     for iteration in range(1, max_iterations + 1):
         while True:
             step, full, sd = propose(problem, here, x, damping)
-            if near == NEAR_STEPS or np.all(np.abs(full) <= np.maximum(SMALLEST_STEP, ENOUGH * sd)):
+            if near == NEAR_STEPS or np.all(np.abs(full) <= np.maximum(SMALLEST_STEP, ENOUGH * np.minimum(sd, WIDEST))):
                 return Result(
                     x, iteration - 1, True, "the last step was small against the error bars, or below float32"
                 )
@@ -86,9 +88,7 @@ def propose(problem: Problem, here: Linear, x: Array, damping: float) -> tuple[A
     values = np.maximum(values, SINGULAR * values.max())
     along = vectors.T @ (scale * g[free])
     step[free] = -scale * (vectors @ (along / (values + damping)))
-    longest = np.abs(step).max()
-    if longest > LONGEST_STEP:
-        step *= LONGEST_STEP / longest
+    step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
     full[free] = np.clip(x[free] - scale * (vectors @ (along / values)), low[free], high[free]) - x[free]
     # The noise is in the mean of the halves; their product, the loss, is free of it.
     sd[free] = scale * np.sqrt(here.power(w) * np.sum(vectors**2 / values, axis=1))
