@@ -4,14 +4,18 @@ This layer knows nothing of Mitsuba. Importing it chooses the libLLVM that Dr.Ji
 Dr.Jit starts.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from . import llvm
 
 llvm.choose()
 
-from .errors import BrdfError, DataError, NoBackend, UsageError  # noqa: E402  (libLLVM first)
-from .model import Ideal, Lobe, Model, Values, defaults, evaluate  # noqa: E402
-from .models import builtin  # noqa: E402
-from .param import Param, choice, colour, number  # noqa: E402
+if TYPE_CHECKING:
+    from .errors import BrdfError, DataError, NoBackend, UsageError
+    from .model import Ideal, Lobe, Model, Values, defaults, evaluate
+    from .models import builtin
+    from .param import Param, choice, colour, number
 
 __all__ = [
     "BrdfError",
@@ -30,3 +34,19 @@ __all__ = [
     "evaluate",
     "number",
 ]
+
+_HOMES = {
+    "errors": ("BrdfError", "DataError", "NoBackend", "UsageError"),
+    "model": ("Ideal", "Lobe", "Model", "Values", "defaults", "evaluate"),
+    "models": ("builtin",),
+    "param": ("Param", "choice", "colour", "number"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    # Deferred, so that the command line answers, to an interruption as well, before Dr.Jit is loaded.
+    for module, names in _HOMES.items():
+        if name in names:
+            globals()[name] = getattr(import_module(f"{__name__}.{module}"), name)
+            return globals()[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+
 import fitting  # before mitsuba: it chooses the libLLVM  # isort: skip  # noqa: F401
 import matplotlib
 import mitsuba as mi
@@ -81,6 +83,7 @@ def plot() -> Figure:
 
 def main() -> None:
     """Write the plot beside this file."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     mi.set_variant("llvm_ad_rgb")
     with matplotlib.rc_context(STYLE):
         plot().savefig(HERE / "aluminium.png", metadata={"Software": None})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from typing import Any
 
 import fitting  # before mitsuba: it chooses the libLLVM  # isort: skip  # noqa: F401
@@ -188,6 +189,7 @@ def vases() -> Figure:
 
 def main() -> None:
     """Write the pictures beside this file."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     mi.set_variant("llvm_ad_rgb")
     plugins.register()
     with matplotlib.rc_context(STYLE):

@@ -6,6 +6,7 @@ BRDF in all directions, by the model and as Mitsuba's ray tracer finds it on cyl
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -170,6 +171,7 @@ def section(axes: Axes, wi: Array) -> None:
 
 def main() -> None:
     """Write the picture beside this file."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     mi.set_variant("llvm_ad_rgb")
     with matplotlib.rc_context(STYLE):
         picture().savefig(HERE / "grooved.png", metadata={"Software": None})

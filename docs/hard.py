@@ -1,11 +1,12 @@
 """Plot the error of Cook and Torrance's model against roughness, and print what accuracy costs.
 
 ``.venv/bin/python docs/hard.py`` writes docs/hard.png, prints what accuracy costs, and what ``brdf check --all --hard
---peers`` finds, a line for each model; with ``--plot``, ``--price`` or ``--models`` only one.
+--peers`` finds, a line for each model; with options only what they name.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -206,13 +207,14 @@ def models() -> str:
 
 def main() -> None:
     """Write the plot beside this file, and print the tables; those that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plot", action="store_true", help="write docs/hard.png, and print its figures")
+    parser.add_argument("--price", action="store_true", help="print what accuracy costs")
+    parser.add_argument("--models", action="store_true", help="print what is found of each model")
+    asked = parser.parse_args()
+    everything = not any(vars(asked).values())
     mi.set_variant("llvm_ad_rgb")
-    asked = {word for word in ("--plot", "--price", "--models") if word in sys.argv} or {
-        "--plot",
-        "--price",
-        "--models",
-    }
-    if "--plot" in asked:
+    if asked.plot or everything:
         found = errors()
         print("error of value, of derivative: median, 99 %, largest, share that is not finite")
         for name, form in found.items():
@@ -221,9 +223,9 @@ def main() -> None:
         with matplotlib.rc_context(STYLE):
             plot(found).savefig(HERE / "hard.png", metadata={"Software": None})
         print(HERE / "hard.png")
-    if "--price" in asked:
+    if asked.price or everything:
         print(price.table(price.prices()))
-    if "--models" in asked:
+    if asked.models or everything:
         print(models())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -135,6 +136,7 @@ def draw_lobes(axes: Axes, lobes: Lobes) -> None:
 
 def main() -> None:
     """Write the pictures beside this file."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     mi.set_variant("llvm_ad_rgb")
     with matplotlib.rc_context(STYLE):
         for name, drawing in (("example", example), ("moon", moon)):

@@ -7,7 +7,7 @@ at the directions that Mitsuba found, and at directions that are computed in flo
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -41,12 +41,18 @@ REACH = 2.0
 
 
 class Row(NamedTuple):
-    """A ball, how rough it is, and its relative errors at the same directions and at those of float64, sorted."""
+    """A ball, how rough it is, and its relative errors at the same directions and at those of float64, sorted.
+
+    And what they are made of: the light that float32 found, shape (3, n), and the directions it found it at, wi and wo,
+    shape (3, n) each.
+    """
 
     ball: stress.Ball
     m: float
     same: Array
     own: Array
+    found: Array
+    directions: tuple[Array, Array]
 
 
 def compare() -> Iterator[Row]:
@@ -76,9 +82,10 @@ def compare() -> Iterator[Row]:
             got = mi.Color3f(bsdf.eval(mi.BSDFContext(), si, wo))
         here = np.array(si.is_valid())
         found = np.broadcast_to(np.array(got, dtype=float), (3, len(here)))[:, here]
-        same = [np.array(w, dtype=float)[:, here] for w in (si.wi, wo)]
+        same = np.array(si.wi, dtype=float)[:, here], np.array(wo, dtype=float)[:, here]
         own = directions(ball, *(np.array(v, dtype=float)[:, here] for v in (ray.o, ray.d, si.sh_frame.s)), light)
-        yield Row(ball, m, *(error(found, shade(bsdf.model, p, *where)) for where in (same, own)))
+        errors = (error(found, shade(bsdf.model, p, *where)) for where in (same, own))
+        yield Row(ball, m, *errors, found, same)
 
 
 def roughness(bsdf: dict[str, Any]) -> float:
@@ -187,9 +194,12 @@ def figure_pitch() -> float:
 
 def main() -> None:
     """Print the table; without ``--table`` also write the picture beside this file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--table", action="store_true", help="print the table alone")
+    asked = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     table()
-    if "--table" not in sys.argv[1:]:
+    if not asked.table:
         with matplotlib.rc_context(STYLE):
             picture().savefig(HERE / "stress.png", dpi=DOTS, metadata={"Software": None})
         with Image.open(HERE / "stress.png") as image:  # in 256 colours: a third of the size, and no difference to see

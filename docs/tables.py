@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import re
 from pathlib import Path
@@ -105,6 +106,7 @@ def in_readme(text: str) -> str:
 
 def main() -> None:
     """Write both."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     (HERE / "models.md").write_text(page(), encoding="utf-8")
     README.write_text(in_readme(README.read_text(encoding="utf-8")), encoding="utf-8")
 

@@ -52,7 +52,8 @@ class Hard:
         verdicts = [v for a in asked for v in self.verdicts[a.formula.name].values()]
         if not verdicts:
             return {}
-        declared = [v.reciprocal for v in verdicts if v.reciprocal is not None]
+        paired = [a for a in asked if "wo.x" in a.formula.inputs]  # the others have no direction to exchange
+        exchanged = [v.reciprocal for a in paired for v in self.verdicts[a.formula.name].values()]
         found = {
             "passed": all(v.passed for v in verdicts),
             "value_c": max(v.value for v in verdicts),
@@ -61,10 +62,11 @@ class Hard:
             "gradient_p99": max(v.slope_p99 for v in verdicts),
             "gradient_max": max(v.slope for v in verdicts),
             "non_finite": sum(v.not_finite for v in verdicts),
-            "reciprocal": all(declared) if declared else None,
+            "reciprocal": reciprocal(exchanged),
             "dark_below_horizon": all(v.dark for v in verdicts),
             "points": sum(v.points for v in verdicts),
             "ill_conditioned": max(v.ill for v in verdicts),
+            "gradient_ill_conditioned": max(v.slope_ill for v in verdicts),
             "formulas": {
                 a.formula.name: {
                     "oracle": a.oracle,
@@ -74,6 +76,13 @@ class Hard:
             },
         }
         return {key: value if key == "formulas" else plain(value) for key, value in found.items()}
+
+
+def reciprocal(found: Sequence[bool | None]) -> bool | None:
+    """Of several formulas together: None if one of them does not declare it, or there are none."""
+    if False in found:
+        return False
+    return None if None in found or not found else True
 
 
 def all_formulas() -> list[Asked]:
@@ -105,6 +114,14 @@ def by_name(name: str) -> list[Asked]:
 def known(name: str) -> bool:
     """Whether there is a table for it."""
     return any(f.owner == name for f in FORMULAS.values())
+
+
+def strangers_terms() -> str:
+    """How many points the formula of a model that is not ours is asked at, and what it is allowed there."""
+    value, slope = outsider.LIMITS
+    return (
+        f"At {outsider.POINTS} points, where a value may be off by {value:g} roundings and a derivative by {slope:g}."
+    )
 
 
 def of_stranger(model: type[Model]) -> list[Asked]:

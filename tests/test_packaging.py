@@ -63,7 +63,7 @@ def test_the_wheel_holds_all_three_packages_and_their_data(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
         info = f"brdf_fitting-{PROJECT['version']}.dist-info"
-        assert "brdf = fitting.cli.app:main" in archive.read(f"{info}/entry_points.txt").decode()
+        assert "brdf = fitting.cli.start:main" in archive.read(f"{info}/entry_points.txt").decode()
         assert f"{info}/licenses/LICENSE" in archive.namelist()
     there = {
         str(path.relative_to(REPOSITORY))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -25,8 +26,11 @@ PRECISIONS = tuple(VECTOR)
 ILL = 0.1
 #: Numbers that have underflowed are forgiven this many times the smallest normal number, in units of the peak.
 UNDERFLOW = 1e4
-#: And a derivative as many times more: what it is made of on the way is smaller than it, and loses its digits sooner.
-LONGER = 1000
+#: And a derivative as many times more. What is lost of an exponential exp(-E) is, in its derivative by ln p, multiplied
+#: by dE / d ln p: 2 E for a roughness p, E for an exponent or an optical depth. Where exp(-E) is a normal number, E <
+#: ln(1 / tiny), 87 in float32; float64, where it is 708, makes do with that. A power of p has its exponent there, which
+#: is less in every model.
+LONGER = -2 * math.log(TINY["float32"])
 #: Roundings of its inputs within which a derivative that jumps may be that of the other side.
 AT_KINK = 8
 #: A derivative by a parameter that is 0 is known to this: of what else the value has, no digits are left for less.
@@ -46,8 +50,9 @@ class Verdict:
     value, slope : float
         The largest error of the value, and of a derivative.
     value_p99, slope_p99 : float
-    ill : float
-        Share of the points where the problem itself does not permit an answer: only that it is finite is asked.
+    ill, slope_ill : float
+        Share of the values, and of the derivatives, where the problem itself does not permit an answer: only that it is
+        finite is asked.
     kinks : int
         Points so close to where a derivative jumps, or refraction ends, that they are not compared.
     not_finite : int
@@ -68,6 +73,7 @@ class Verdict:
     slope: float
     slope_p99: float
     ill: float
+    slope_ill: float
     kinks: int
     not_finite: int
     reciprocal: bool | None
@@ -78,7 +84,13 @@ class Verdict:
     @property
     def passed(self) -> bool:
         within = self.value <= self.limits[0] and self.slope <= self.limits[1]
-        return within and self.ill < 1 and self.not_finite == 0 and self.reciprocal is not False and self.dark
+        return (
+            within
+            and max(self.ill, self.slope_ill) < 1
+            and self.not_finite == 0
+            and self.reciprocal is not False
+            and self.dark
+        )
 
     def sentence(self) -> str:
         """What is wrong, and where; empty if nothing is."""
@@ -93,8 +105,9 @@ class Verdict:
             said.append(
                 f"{self.not_finite} values or derivatives that are not finite, one at {self.worst['not_finite']}"
             )
-        if self.ill == 1:
-            said.append("not to be judged: at every point a rounding changes the answer")
+        for what, ill in (("value", self.ill), ("derivatives", self.slope_ill)):
+            if ill == 1:
+                said.append(f"{what} not to be judged: a rounding changes the answer at every point")
         if self.reciprocal is False:
             said.append("not the same with the directions exchanged")
         if not self.dark:
@@ -187,6 +200,7 @@ def judge(formula: Formula, exact: Exact, precision: str) -> Verdict:
         slope=largest(flat),
         slope_p99=largest(flat, 0.99),
         ill=float(np.mean(~well)),
+        slope_ill=float(np.mean(~sound)) if formula.by else 0.0,
         kinks=int(np.sum(~smooth)),
         not_finite=count,
         reciprocal=reciprocal(formula, exact, precision) if formula.reciprocal else None,

@@ -96,8 +96,8 @@ def refracted(component: Callable[[Any], Any]) -> Function:
     return function
 
 
-def across(w: Any) -> Any:
-    """Length of a direction across the normal; with derivative 0 at the normal itself."""
+def sine(w: Any) -> Any:
+    """Of the angle to the normal; with derivative 0 at the normal itself."""
     square = w.x * w.x + w.y * w.y
     return dr.select(square > 0, dr.sqrt(dr.select(square > 0, square, 1)), 0)
 
@@ -165,10 +165,10 @@ def grooved(part: str, numbers: tuple[str, ...], limits: Limits) -> Formula:
     )
 
 
-def without_sides() -> Formula:
-    """A layer of index 1: what scattering does, by itself."""
+def index_1() -> Formula:
+    """A layer whose sides neither reflect nor refract: what scattering does, by itself."""
     formula = whole(HanrahanKrueger(), SHARP, {**LAYER, "eta": among((1.0,))}, lambda p: 1 - np.abs(p["g"]))
-    return replace(formula, name="hanrahankrueger, without sides", by=tuple(q for q in formula.by if q != "eta"))
+    return replace(formula, name="hanrahankrueger, index 1", by=tuple(q for q in formula.by if q != "eta"))
 
 
 SMOOTH: list[Formula] = [
@@ -176,22 +176,15 @@ SMOOTH: list[Formula] = [
     ideal(Metal(), 0, "reflected", CONDUCTOR, METAL),
     ideal(Glass(), 0, "reflected", DIELECTRIC, GLASS, ("eta", "specular_reflectance")),
     ideal(Glass(), 1, "refracted", DIELECTRIC, GLASS, ("eta", "specular_transmittance")),
-    of_direction("glass, direction", Glass(), refracted(lambda w: w.z), DIELECTRIC, GLASS, ("eta",)),
-    of_direction(
-        "glass, direction across",
-        Glass(),
-        refracted(across),
-        DIELECTRIC,
-        GLASS,
-        ("eta",),
-    ),
+    of_direction("glass, refracted cosine", Glass(), refracted(lambda w: w.z), DIELECTRIC, GLASS, ("eta",)),
+    of_direction("glass, refracted sine", Glass(), refracted(sine), DIELECTRIC, GLASS, ("eta",)),
     *glazed(),
     *glazed(fresnel="schlick"),
     *glazed(fresnel="constant"),
     whole(Diffusion(), THROUGH, SCATTERING, independent),
     Formula("diffusion, dipole", "diffusion", tuple(SCATTERING), tuple(SCATTERING), dipole, coefficients, SHARP),
     whole(HanrahanKrueger(), THROUGH, LAYER, lambda p: 1 - np.abs(p["g"])),
-    without_sides(),
+    index_1(),
     grooved("diffuse", ("reflectance", "spacing", "height"), ARCS),
     grooved("phong", ("specular_reflectance", "exponent", "spacing", "height"), GROOVED),
     ideal(HanrahanKrueger(), 2, "unscattered", DIELECTRIC, LAYER, ("sigma_s", "sigma_a", "thickness", "eta")),

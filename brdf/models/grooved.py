@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from decimal import Decimal
 from typing import Any, NamedTuple
 
 import drjit as dr
-import numpy as np
 
 from .. import geometry
 from ..model import Lobe, Model, Values
 from ..param import colour, number
+from ..quadrature import even_rule
 from ..stable import EXPONENT_CAP, cube_remainder_of_sine, expm1, is_double, log1p, log_near_one, with_gradient
 
 #: (float32, float64) The Phong lobe is integrated where it is above exp(-this) of its maximum: as much as rounding.
@@ -21,42 +20,11 @@ POINTS = (22, 48)
 #: (float32, float64) Below this exponent the lobe ends with a kink. There the points crowd towards both ends, by the
 #: integral of ``(1 - x^2)^p`` in place of x, p = 1 or 3: a power n of the distance from the end becomes ``(p + 1) n``.
 KINKED = (3.0, 6.0)
-#: The series of arcsin to the ninth power. Gauss and Legendre's points, crowded at the ends, become nearly even by it,
-#: as a lobe in the middle needs them, and fewer do (Hale and Trefethen, 2008).
-EVEN = np.polynomial.Polynomial([0, 1, 0, 1 / 6, 0, 3 / 40, 0, 5 / 112, 0, 35 / 1152])
 #: The floor stays below the tops: at 1 nothing is left of the cylinders, and the derivative in `height` is infinite.
 HIGHEST = 0.999
 
 
-def gauss_legendre(n: int) -> tuple[Any, Any]:
-    """Points > 0 and weights of Gauss and Legendre's rule of `n` points, to the last digit.
-
-    NumPy's weights add up, but are off by up to 1e-12, relative, at the ends.
-    """
-    points, weights = [], []
-    for guess in np.polynomial.legendre.leggauss(n)[0][n // 2 :]:
-        x, slope = Decimal(float(guess)), Decimal(0)
-        for _ in range(2):  # Newton's method, which starts with 16 digits; the second is for the slope
-            before, p = Decimal(1), x
-            for j in range(2, n + 1):
-                before, p = p, ((2 * j - 1) * x * p - (j - 1) * before) / j
-            slope = n * (x * p - before) / (x * x - 1)
-            x -= p / slope
-        points.append(float(x))
-        weights.append(float(2 / ((1 - x * x) * slope * slope)))
-    return np.array(points), np.array(weights)
-
-
-def rule(n: int, p: int) -> list[tuple[float, ...]]:
-    """Points > 0 and weights of a rule of `n` points for -1 to 1, and what crowding adds to either."""
-    x, w = gauss_legendre(n)
-    x, w = EVEN(x) / EVEN(1), w * EVEN.deriv()(x) / EVEN(1)
-    crowded = np.polynomial.Polynomial([1, 0, -1]) ** p
-    crowded /= crowded.integ()(1)
-    return [tuple(map(float, row)) for row in zip(x, w, crowded.integ()(x) - x, w * (crowded(x) - 1), strict=True)]
-
-
-RULES = tuple(rule(n, p) for n, p in zip(POINTS, (1, 3), strict=True))
+RULES = tuple(even_rule(n, p) for n, p in zip(POINTS, (1, 3), strict=True))
 
 
 class Grooved(Model):

@@ -65,7 +65,9 @@ def command(
     hard: Annotated[
         bool,
         typer.Option(
-            "--hard", help="Instead: value and derivatives at hard points, against exact answers, in roundings."
+            "--hard",
+            help="Instead: value and derivatives at hard points, against exact answers, in roundings. A model of yours "
+            "is asked at 500 points, where its value may be off by 8 and a derivative by 16.",
         ),
     ] = False,
     peers: Annotated[

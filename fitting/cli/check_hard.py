@@ -16,7 +16,7 @@ from brdf.hard import Verdict
 from brdf.hard.criterion import PRECISIONS
 
 from ..checking import counted
-from ..hard import ORACLES, Asked, Hard, run
+from ..hard import ORACLES, Asked, Hard, run, strangers_terms
 from .output import WIDE, print_json, progress_bar
 
 INTERRUPTED = 130
@@ -30,8 +30,9 @@ SAMPLING_LEGEND = (
 )
 LEGEND = (
     "C: error in roundings, in either precision, beside what is allowed: |f - f*| <= C eps (|f*| + sum |x df/dx|), "
-    "and of a derivative in p with |f*/p| added. ill: share of the points where the problem itself permits no answer "
-    "in float32; they need only be finite."
+    "and of a derivative in p with |f*/p| added. ill: share of the values and of the derivatives where the problem "
+    "itself permits no answer in the coarser precision, or a derivative jumps; they need only be finite. A formula is "
+    "called by its model, then by the choices that are not the default, or by the part of the model that it is."
 )
 
 
@@ -86,6 +87,8 @@ def show(found: Hard, console: Console) -> None:
     for oracle in sorted(others):
         names = ", ".join(a.formula.name for a in found.asked if a.oracle == oracle)
         console.print(f"Judged by {ORACLES[oracle]}: {names}.", soft_wrap=True)
+    if others:
+        console.print(strangers_terms(), soft_wrap=True)
     for message in found.errors.values():
         console.print(Text(message, "bold red"), soft_wrap=True)
     for verdict in found.failed():
@@ -98,7 +101,18 @@ def show(found: Hard, console: Console) -> None:
 
 def table(found: Hard) -> Table:
     """Value and gradient C in both precisions, beside what is allowed."""
-    heads = ["value\nf32", "C\nf64", "\nof", "grad.\nf32", "C\nf64", "\nof", "not\nfinite", "recip-\nrocal", "\nill"]
+    heads = [
+        "value\nf32",
+        "C\nf64",
+        "\nof",
+        "grad.\nf32",
+        "C\nf64",
+        "\nof",
+        "not\nfinite",
+        "recip-\nrocal",
+        "ill\nvalue",
+        "ill\ngrad.",
+    ]
     made = narrow_table("formula", heads)
     for name, verdicts in found.verdicts.items():
         per = [verdicts.get(p) for p in PRECISIONS]
@@ -108,7 +122,8 @@ def table(found: Hard) -> Table:
         row += [cell(v, "slope") for v in per] + [f"{some.limits[1]:g}"]
         count = sum(v.not_finite for v in given)
         same = {None: "", True: "yes", False: "NO"}[some.reciprocal and all(v.reciprocal for v in given)]
-        row += [Text(str(count), "bold red" if count else ""), same, f"{100 * left_out(some):.1f}%"]
+        row += [Text(str(count), "bold red" if count else ""), same]
+        row += [f"{100 * (ill + some.kinks / some.points):.1f}%" for ill in (some.ill, some.slope_ill)]
         made.add_row(Text(name, "" if all(v.passed for v in given) else "bold red"), *row)
     return made
 
@@ -119,11 +134,6 @@ def narrow_table(first: str, heads: Sequence[str]) -> Table:
     for head in heads:
         made.add_column(head, justify="right", no_wrap=True)
     return made
-
-
-def left_out(verdict: Verdict) -> float:
-    """Share of the points at which no value is compared."""
-    return verdict.ill + verdict.kinks / verdict.points
 
 
 def cell(verdict: Verdict | None, what: str) -> Text:

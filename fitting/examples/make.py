@@ -6,7 +6,7 @@ is still 0.25 %. Far more is added: 2 % of each pixel and a shot noise, which ke
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import mitsuba as mi
@@ -41,4 +41,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=FOLDER, help="where they go; default: %(default)s")
+    main(parser.parse_args().folder)

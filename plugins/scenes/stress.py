@@ -6,7 +6,7 @@ plugins.scenes.stress`` writes ``stress.xml``, for ``brdf render``, and ``sky.ex
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -201,4 +201,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=FOLDER, help="where they go; default: %(default)s")
+    main(parser.parse_args().folder)

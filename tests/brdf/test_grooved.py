@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import drjit as dr
-import mpmath
 import numpy as np
 import pytest
 from mpmath import mpf
 
 from brdf import Values, defaults, evaluate
-from brdf.models.grooved import POINTS, Grooved, gauss_legendre, reach
+from brdf.models.grooved import Grooved, reach
 from tests.brdf.arrays import EPS, VECTORS, call, precision, single, to_numpy
 from tests.oracles import directions, grooves, layered
 
@@ -93,16 +92,6 @@ def test_value(kind: str, oracle: Any) -> None:
     off = np.abs(got - want[:, 1]) / np.maximum(want[:, 1], 1e-6 * peak)
     assert (want[:, 1] > 1e-6 * peak).sum() > 45
     assert off.max() < (1e-11 if wide else 2e-5)
-
-
-@pytest.mark.parametrize("n", POINTS)
-def test_points_and_weights(n: int) -> None:
-    """The roots of Legendre's polynomial, and ``2 / ((1 - x^2) P'(x)^2)``."""
-    for x, w in zip(*gauss_legendre(n), strict=True):
-        root = mpmath.findroot(lambda t: mpmath.legendre(n, t), mpf(x))
-        slope = n * mpmath.legendre(n - 1, root) / (1 - root**2)
-        assert x == pytest.approx(float(root), rel=EPS["float64"])
-        assert w == pytest.approx(float(2 / ((1 - root**2) * slope**2)), rel=4e-15)
 
 
 @pytest.mark.parametrize("kind", WIDE)

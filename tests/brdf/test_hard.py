@@ -96,12 +96,23 @@ def snell(c: Any, s2: Any, eta: Any, below: float) -> tuple[Any, Any, Any]:
     return reflects, c >= 0, 0.5 * (s * s + p * p)
 
 
+def snells_root(w: Any, eta: Any) -> tuple[Any, Any]:
+    """The cosine behind a surface as Snell's law has it, everywhere."""
+    c2 = 1 - geometry.sine2(w) / (eta * eta)
+    refracts = c2 > 0
+    c = dr.sqrt(dr.select(refracts, c2, 1))
+    wo = geometry.unit(type(w)(-w.x / eta, -w.y / eta, dr.select(w.z > 0, -c, c)))
+    return dr.select(refracts, wo, -w), refracts
+
+
 @pytest.mark.parametrize(
     ("owner", "attribute", "textbook", "found"),
     [
         (geometry, "half", half_by_cosine, ["cooktorrance", "blinnphong, common"]),
         (stable, "cosine_power", power, ["phong", "kajiyakay"]),
         (fresnel, "smaller", snell, ["fresnel_dielectric", "cooktorrance", "glass, refracted"]),
+        # For `glass` the condition in eta covers what is lost: where the index is 1 and known to be, it does not.
+        (geometry, "refract", snells_root, ["hanrahankrueger, index 1", "hanrahankrueger"]),
     ],
 )
 def test_a_textbook_form_is_found(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -74,6 +75,19 @@ def test_gradient_of_transmittance(kind: str, law: str) -> None:
     scale = 1 / eta  # of a transmittance of 1: it changes sign
     off = np.abs(got - want) / np.maximum(np.abs(want), 1e-6 * scale)
     assert off.max() < limit(kind, 2e-5, 5e-14)
+
+
+@wide
+def test_sine2(kind: str) -> None:
+    """To a rounding of the sum and one of the product, and no cancellation. In NumPy, which keeps to what is written:
+    Dr.Jit's compiler makes one operation of ``1 - z * z``, where the processor has it, and that is as exact."""
+    eps = EPS[kind]
+    z = (1 - np.geomspace(eps, 1, 200)).astype(kind)
+    z = np.concatenate([z, -z])
+    got = geometry.sine2(SimpleNamespace(z=z))
+    assert got.dtype == kind
+    want = np.array([float(1 - mpf(float(x)) ** 2) for x in z])
+    np.testing.assert_allclose(got.astype(float), want, rtol=eps)
 
 
 @vectors

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from brdf.errors import BrdfError, DataError, NoBackend, UsageError
 from fitting.cli import app
 
 REPOSITORY = Path(__file__).parents[2]
+ENTRY = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["scripts"]["brdf"].split(":")
 
 
 def brdf(*arguments: object, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -75,6 +77,38 @@ def test_an_interruption_is_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     monkeypatch.setattr("fitting.cli.doctor.examine", interrupt)
     assert app.main(["doctor"]) == 128 + signal.SIGINT
     assert capsys.readouterr().err == "brdf: interrupted\n"
+
+
+@pytest.mark.parametrize("module", ["drjit", "drjit._drjit_ext", "typer", "rich.table", "fitting.cli.render"])
+def test_an_interruption_while_modules_load_is_130(module: str) -> None:
+    """The command's entry is there before anything that takes long to load."""
+    code = f"""
+import signal, sys
+
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "{module}":
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+from {ENTRY[0]} import {ENTRY[1]} as main
+assert not {{"drjit", "numpy", "typer", "rich"}} & set(sys.modules)
+sys.exit(main())
+"""
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (128 + signal.SIGINT, "", "brdf: interrupted\n")
+
+
+def test_the_entry_runs_the_command_and_leaves_interruptions_to_it() -> None:
+    code = (
+        f"import signal, sys; from {ENTRY[0]} import {ENTRY[1]} as main; sys.argv[1:] = ['--version']; code = main(); "
+        "sys.exit(code or signal.getsignal(signal.SIGINT) is not signal.default_int_handler)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.startswith("brdf ")
 
 
 def test_a_file_that_cannot_be_written_is_one_line_and_3(capsys: pytest.CaptureFixture[str], monkeypatch) -> None:

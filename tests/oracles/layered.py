@@ -131,11 +131,11 @@ BY_NAME = {
         lambda x, y, z, eta, ks, kt: kt * (1 - glass_reflectance(z, eta)),
         kink=lambda x, y, z, eta, ks, kt: critical(z, eta),
     ),
-    "glass, direction": Answer(
+    "glass, refracted cosine": Answer(
         lambda x, y, z, eta, ks, kt: glass_direction(x, y, z, eta)[0],
         kink=lambda x, y, z, eta, ks, kt: critical(z, eta),
     ),
-    "glass, direction across": Answer(
+    "glass, refracted sine": Answer(
         lambda x, y, z, eta, ks, kt: glass_direction(x, y, z, eta)[1],
         kink=lambda x, y, z, eta, ks, kt: critical(z, eta),
     ),
