@@ -1,0 +1,153 @@
+"""Whether light that leaves a shape can meet the same shape again. Not of a flat or convex one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+#: Points so near a plane lie in it, relative to the size of the mesh: float32 stores a vertex to 6e-8.
+PLANAR = 1e-6
+#: Faces times corners that are looked at; a larger mesh counts as one that is not convex. It takes some 50 ms.
+MOST = 10**7
+#: BSDFs that turn the normal about which a surface answers: light may then be sent through the surface.
+TILTING = ("BumpMap", "NormalMap")
+
+
+def meets_itself(shape: mi.Shape, sensors: Iterable[mi.Sensor]) -> bool:
+    """Whether light that a shape has scattered may arrive at the same shape, with nothing else in the scene.
+
+    False for a rectangle, a disk and a flat mesh. False for a sphere, a cylinder's side and a convex mesh if only the
+    outer side answers; or, if the body is closed and opaque, if the sensors are outside. A mesh counts as convex if all
+    its corners lie behind the plane of each face, and its normals are those of the faces. True for everything else, and
+    for what is not known: the answer errs on that side alone.
+
+    Parameters
+    ----------
+    sensors : all that look at the scene
+    """
+    kind = shape.class_name()
+    if kind == "Disk":
+        return False
+    if kind in ("Sphere", "Cylinder"):
+        closed, even = kind == "Sphere", True
+    elif shape.is_mesh():
+        mesh = Mesh(shape)
+        if mesh.flat():
+            return False
+        if not mesh.convex():
+            return True
+        closed, even = mesh.closed(), mesh.even()
+    else:
+        return True
+    bsdf: Any = shape.bsdf()
+    if not even or any(b.class_name() in TILTING for b in nested(bsdf)):
+        return True
+    flags = mi.BSDFFlags
+    lobes = [int(bsdf.flags(i)) for i in range(bsdf.component_count())]
+    null, inner = int(flags.Null), int(flags.FrontSide if shape.has_flipped_normals() else flags.BackSide)
+    if any(lobe & int(flags.Transmission) & ~null for lobe in lobes):  # its Transmission has Null in it as well
+        return True
+    if not any(lobe & inner for lobe in lobes if not lobe & null):
+        return False
+    return not closed or any(lobe & null for lobe in lobes) or not all(outside(shape, s) for s in sensors)
+
+
+class Mesh:
+    """Corners and faces of a mesh, as seen by the normals its faces have."""
+
+    def __init__(self, shape: Any) -> None:
+        corners = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
+        faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
+        # A seam of normals or of texture coordinates stores a corner several times.
+        self.corners, same = np.unique(corners, axis=0, return_inverse=True)
+        joined = same.reshape(-1)[faces]
+        area = np.cross(*(self.corners[joined[:, i]] - self.corners[joined[:, 0]] for i in (1, 2)))
+        size = np.linalg.norm(area, axis=1)
+        there = size > 0
+        self.faces, self.normals = joined[there], area[there] / size[there, None]
+        self.size = float(np.ptp(self.corners, axis=0).max(initial=0))
+        self.shading = None
+        if shape.has_vertex_normals() and not shape.has_face_normals():
+            self.shading = np.array(shape.vertex_normals_buffer(), dtype=np.float64).reshape(-1, 3)[faces[there]]
+
+    def flat(self) -> bool:
+        """Whether all lies in one plane."""
+        if not len(self.faces):
+            return True
+        heights = (self.corners - self.corners[self.faces[0, 0]]) @ self.normals[0]
+        return bool(np.abs(heights).max() <= PLANAR * self.size)
+
+    def convex(self) -> bool:
+        """Whether no corner is before the plane of a face."""
+        if len(self.faces) * len(self.corners) > MOST:
+            return False
+        first = self.corners[self.faces[:, 0]]
+        planes = np.einsum("ij,ij->i", self.normals, first)
+        return bool((self.normals @ self.corners.T - planes[:, None]).max() <= PLANAR * self.size)
+
+    def closed(self) -> bool:
+        """Whether each edge has a face on either side."""
+        edges = np.concatenate([self.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
+        there = set(map(tuple, edges.tolist()))
+        return len(there) == len(edges) and all((b, a) in there for a, b in there)
+
+    def even(self) -> bool:
+        """Whether the normals at the corners are those of the faces."""
+        if self.shading is None:
+            return True
+        return bool(np.abs(self.shading - self.normals[:, None, :]).max() <= PLANAR)
+
+
+def nested(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
+    """A BSDF and those inside it."""
+    yield bsdf
+    for inner in children(bsdf):
+        if isinstance(inner, mi.BSDF):
+            yield from nested(inner)
+
+
+def children(of: Any) -> list[Any]:
+    """The objects that an object holds."""
+
+    class Held(mi.TraversalCallback):  # exists only once a variant is set
+        def __init__(self, found: list[Any]) -> None:
+            super().__init__()
+            self.found = found
+
+        def put(self, name: str, value: Any, flags: Any, cpptype: Any = None) -> None:
+            if isinstance(value, mi.Object):
+                self.found.append(value)
+
+        def put_value(self, name: str, ptr: Any, flags: Any, cpptype: Any) -> None:
+            pass
+
+        def put_object(self, name: str, obj: Any, flags: Any) -> None:
+            self.found.append(obj)
+
+    found: list[Any] = []
+    of.traverse(Held(found))
+    return found
+
+
+def outside(shape: mi.Shape, sensor: Any) -> bool:
+    """Whether all rays of a sensor begin outside the box around a shape; False if that is not known."""
+    if sensor.class_name() not in ("PerspectiveCamera", "OrthographicCamera"):
+        return False
+    # Their rays begin on a flat patch with four corners, before the lens.
+    corners = [
+        np.array(sensor.sample_ray(0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))[0].o).ravel()
+        for x in (0, 1)
+        for y in (0, 1)
+    ]
+    box = shape.bbox()
+    low, high = (as_array(end) for end in (box.min, box.max))
+    return bool((np.min(corners, axis=0) > high).any() or (np.max(corners, axis=0) < low).any())
+
+
+def as_array(point: Any) -> npt.NDArray[np.float64]:
+    """A point, shape (3,)."""
+    return np.array(point, dtype=np.float64).reshape(3)
