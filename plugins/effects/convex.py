@@ -65,7 +65,8 @@ class Mesh:
         # A seam of normals or of texture coordinates stores a corner several times.
         self.corners, same = np.unique(corners, axis=0, return_inverse=True)
         joined = same.reshape(-1)[faces]
-        area = np.cross(*(self.corners[joined[:, i]] - self.corners[joined[:, 0]] for i in (1, 2)))
+        first, second, third = (self.corners[joined[:, i]] for i in range(3))
+        area = np.cross(second - first, third - first)
         size = np.linalg.norm(area, axis=1)
         there = size > 0
         self.faces, self.normals = joined[there], area[there] / size[there, None]

@@ -1,4 +1,4 @@
-"""What is in a scene, as far as the table of effects asks: how its surfaces answer, and what kinds of light there are."""
+"""What is in a scene, as far as the table of effects asks: how surfaces answer, and what kinds of light there are."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def take(scene: mi.Scene) -> Inventory:
     delta = [(emitter, flag) for emitter, flag in emitters if flag & int(flags.Delta)]
     skies = [flag for emitter, flag in emitters if emitter.is_environment()]
     unreachable = sum(bool(flag & int(flags.Surface)) for _, flag in delta)
-    alike: dict[tuple[bool, ...], list[tuple[Any, bool]]] = {}
+    alike: dict[tuple[bool, bool, bool, bool], list[tuple[Any, bool]]] = {}
     for shape, copied in shapes:
         bsdf = shape.bsdf()
         if bsdf is not None and not absorbs(bsdf):
@@ -147,7 +147,7 @@ def answer(bsdf: Any) -> tuple[bool, bool, bool]:
 
 
 def absorbs(bsdf: Any) -> bool:
-    """Whether it is black, as Mitsuba makes the lamps that have no BSDF; not while its colour is being differentiated."""
+    """Whether it is black, as Mitsuba makes lamps that have no BSDF; not while its colour is being differentiated."""
     if bsdf.class_name() != "SmoothDiffuse":
         return False
     params = mi.traverse(bsdf)

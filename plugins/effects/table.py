@@ -1,7 +1,7 @@
 """The lecture's table: how light arrives at a surface (columns) against how the surface answers it (rows).
 
-On the way from the eye, let y be the first point that sends light into many directions. The row is the lobe with which y
-answers, the column how light arrives at y: straight from a point or directional light, from an area light, from the
+On the way from the eye, let y be the first point that sends light into many directions. The row is the lobe with which
+y answers, the column how light arrives at y: straight from a point or directional light, from an area light, from the
 environment, or from another surface, through glass and mirrors too (a caustic is indirect). If the eye sees y in a
 mirror or through glass, that is ``mirror.indirect``, whatever lights y; a mirrored lamp is ``mirror.area``, a mirrored
 sky ``mirror.environment``. A point light in a mirror has measure zero: the cell ``mirror.point`` is always empty. Lamp
@@ -29,10 +29,8 @@ EMITTER = "emitter"
 EMPTY = "mirror.point"
 #: All cells: the table row by row, and lamps seen directly.
 CELLS = (*(f"{row}.{column}" for row in ROWS for column in COLUMNS), EMITTER)
-#: What is easy to include in a classic ray tracer: point lights, and by recursion the mirror image of everything but them.
-CLASSIC = frozenset(
-    ("diffuse.point", "glossy.point", "mirror.area", "mirror.environment", "mirror.indirect", EMITTER)
-)
+#: What is easy to include in a classic ray tracer: point lights, and the mirror image of everything else by recursion.
+CLASSIC = frozenset(("diffuse.point", "glossy.point", "mirror.area", "mirror.environment", "mirror.indirect", EMITTER))
 #: So many point lights are summed; of more, one is drawn at random for each point seen.
 SUMMED = 64
 ABOUT = {
@@ -82,7 +80,7 @@ def parse(text: str) -> frozenset[str]:
     Parameters
     ----------
     text : str
-        Names with commas between: cells, or ``all``, ``auto`` (all that the scene calls for: as `all`, since what it
+        Names with commas or spaces between: cells, or ``all``, ``auto`` (all that the scene calls for: as `all`, since what it
         does not call for is zero), ``classic`` (`CLASSIC`). With ``-`` before it a name is left out; if the first one
         is, then of all.
 
@@ -92,10 +90,10 @@ def parse(text: str) -> frozenset[str]:
         An unknown name, or nothing is left.
     """
     groups = {"all": frozenset(CELLS), "auto": frozenset(CELLS), "classic": CLASSIC}
-    names = [name.strip() for name in text.split(",") if name.strip()]
+    names = text.replace(",", " ").split()
     chosen = set(CELLS) if names and names[0].startswith("-") else set()
     for name in names:
-        bare = name.removeprefix("-").strip()
+        bare = name.removeprefix("-")
         if bare not in groups and bare not in CELLS:
             near = difflib.get_close_matches(bare, (*CELLS, *groups), 1, cutoff=0.4)
             guess = f"Did you mean {near[0]}? " if near else ""
@@ -107,16 +105,18 @@ def parse(text: str) -> frozenset[str]:
     return frozenset(chosen)
 
 
-def plan(scene: mi.Scene, max_depth: int) -> dict[str, Cell]:
+def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dict[str, Cell]:
     """Which cells a scene calls for, from what is in it alone: exact, and free.
 
-    What is not called for is exactly zero, for every sensor of the scene. What is called for may be zero as well: a lamp
-    may be hidden. Call it again after a change of the scene.
+    What is not called for is exactly zero, for every sensor of the scene. What is called for may be zero as well: a
+    lamp may be hidden. Call it again after a change of the scene.
 
     Parameters
     ----------
     max_depth : int
         The longest paths, in edges from eye to lamp: 1 ends at lamps seen directly, 2 at direct light; -1: no end.
+    hide_emitters : bool
+        Whether lamps and sky are not to be seen directly.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def plan(scene: mi.Scene, max_depth: int) -> dict[str, Cell]:
     DataError
         The scene has a participating medium.
     """
-    return from_inventory(take(scene), max_depth)
+    return from_inventory(take(scene), max_depth, hide_emitters)
 
 
 def called_for(cells: dict[str, Cell]) -> frozenset[str]:
@@ -136,7 +136,7 @@ def called_for(cells: dict[str, Cell]) -> frozenset[str]:
     return frozenset(name for name, cell in cells.items() if cell.called_for)
 
 
-def from_inventory(found: Inventory, max_depth: int) -> dict[str, Cell]:
+def from_inventory(found: Inventory, max_depth: int, hide_emitters: bool) -> dict[str, Cell]:
     """`plan`, once it is known what is in the scene."""
     paths = Paths(found)
     # Longer ones pass through the same kinds of surface again.
@@ -147,7 +147,7 @@ def from_inventory(found: Inventory, max_depth: int) -> dict[str, Cell]:
         row, _, column = name.partition(".")
         users: list[Kind] = []
         if name == EMITTER:
-            there = depth >= 1 and bool(found.lamps or found.sky)
+            there = depth >= 1 and bool(found.lamps or found.sky) and not hide_emitters
         elif name == EMPTY:
             there = False
         elif column == "indirect":
@@ -156,14 +156,14 @@ def from_inventory(found: Inventory, max_depth: int) -> dict[str, Cell]:
         else:
             users = [kind for kind in found.kinds if getattr(kind, row) and depth >= 2 and paths.direct(kind, column)]
             there = bool(users)
-        why = reason(name, found, depth, users) if there else lack(name, found, depth)
+        why = reason(name, found, users) if there else lack(name, found, depth)
         technique = how(name, found, indirect) if there else ""
         cells[name] = Cell(name, there, why, technique, name in CLASSIC)
     return cells
 
 
 class Paths:
-    """Which ways light can take between the kinds of surfaces of a scene. Edges are counted from the surface to the lamp."""
+    """Which ways light can take between the kinds of surfaces of a scene. Edges count from the surface to the lamp."""
 
     def __init__(self, found: Inventory) -> None:
         self.found = found
@@ -203,7 +203,7 @@ class Paths:
         return [kind for kind in self.found.kinds if getattr(kind, row) and way(kind, depth - 1)]
 
 
-def reason(name: str, found: Inventory, depth: int, users: list[Kind]) -> str:
+def reason(name: str, found: Inventory, users: list[Kind]) -> str:
     """What calls for a cell."""
     row, _, column = name.partition(".")
     light = {
@@ -233,7 +233,11 @@ def lack(name: str, found: Inventory, depth: int) -> str:
     if name == EMPTY:
         return "no ray meets a point: measure zero"
     if name == EMITTER:
-        return "paths of depth 0 show nothing" if found.lamps or found.sky else "no light has a surface, and no environment"
+        return (
+            "paths of depth 0 show nothing"
+            if found.lamps or found.sky
+            else "no light has a surface, and no environment"
+        )
     if not any(getattr(kind, row) for kind in found.kinds):
         return {"mirror": "no mirror, glass or glaze"}.get(row, f"no {row} surface")
     unseen = found.unreachable > 0
