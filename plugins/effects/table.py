@@ -80,9 +80,9 @@ def parse(text: str) -> frozenset[str]:
     Parameters
     ----------
     text : str
-        Names with commas or spaces between: cells, or ``all``, ``auto`` (all that the scene calls for: as `all`, since what it
-        does not call for is zero), ``classic`` (`CLASSIC`). With ``-`` before it a name is left out; if the first one
-        is, then of all.
+        Names with commas or spaces between: cells, or ``all``, ``auto`` (all that the scene calls for: as `all`, since
+        what it does not call for is zero), ``classic`` (`CLASSIC`). With ``-`` before it a name is left out; if the
+        first one is, then of all.
 
     Raises
     ------
