@@ -233,11 +233,9 @@ def lack(name: str, found: Inventory, depth: int) -> str:
     if name == EMPTY:
         return "no ray meets a point: measure zero"
     if name == EMITTER:
-        return (
-            "paths of depth 0 show nothing"
-            if found.lamps or found.sky
-            else "no light has a surface, and no environment"
-        )
+        if not (found.lamps or found.sky):
+            return "no area light, no environment"
+        return "hidden by hide_emitters" if depth else "paths end at depth 0"
     if not any(getattr(kind, row) for kind in found.kinds):
         return {"mirror": "no mirror, glass or glaze"}.get(row, f"no {row} surface")
     unseen = found.unreachable > 0
@@ -280,9 +278,9 @@ def how(name: str, found: Inventory, indirect: bool) -> str:
 
 
 def those(row: str, users: list[Kind]) -> str:
-    """``3 glossy surfaces``, or the one by its name."""
+    """``3 glossy surfaces``, ``1 glossy surface (floor)``."""
     count = sum(kind.count for kind in users)
-    return f"{row} {users[0].example}" if count == 1 else f"{count} {row} surfaces"
+    return counted(count, f"{row} surface") + (f" ({users[0].example})" if count == 1 else "")
 
 
 def counted(number: int, what: str) -> str:

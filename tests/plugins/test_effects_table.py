@@ -225,7 +225,9 @@ def test_known_answers(things: Any, depth: int, cells: str) -> None:
 def test_hidden_lamps_are_still_seen_in_mirrors() -> None:
     """As Mitsuba's `path` with hide_emitters."""
     scene = make(a=ball(CHROME), l={"type": "constant"})
-    assert table.called_for(table.plan(scene, -1, hide_emitters=True)) == {"mirror.environment"}
+    cells = table.plan(scene, -1, hide_emitters=True)
+    assert table.called_for(cells) == {"mirror.environment"}
+    assert cells["emitter"].why == "hidden by hide_emitters"
     picture = np.array(mi.render(scene, spp=16, integrator=mi.load_dict({"type": "path", "hide_emitters": True})))
     assert picture[8, 8].min() > 0.5
     assert picture[0, 0].max() == 0
