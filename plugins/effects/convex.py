@@ -7,12 +7,11 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 #: Points so near a plane lie in it, relative to the size of the mesh: float32 stores a vertex to 6e-8.
 PLANAR = 1e-6
-#: Faces times corners that are looked at; a larger mesh counts as one that is not convex. It takes some 50 ms.
-MOST = 10**7
+#: Faces times corners that are looked at: 32 MB. A larger mesh counts as one that is not convex.
+MOST = 4 * 10**6
 #: BSDFs that turn the normal about which a surface answers: light may then be sent through the surface.
 TILTING = ("BumpMap", "NormalMap")
 
@@ -57,23 +56,20 @@ def meets_itself(shape: mi.Shape, sensors: Iterable[mi.Sensor]) -> bool:
 
 
 class Mesh:
-    """Corners and faces of a mesh, as seen by the normals its faces have."""
+    """Corners and faces of a mesh, and the normals of its faces."""
 
     def __init__(self, shape: Any) -> None:
-        corners = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
+        self.corners = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
         faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
-        # A seam of normals or of texture coordinates stores a corner several times.
-        self.corners, same = np.unique(corners, axis=0, return_inverse=True)
-        joined = same.reshape(-1)[faces]
-        first, second, third = (self.corners[joined[:, i]] for i in range(3))
+        first, second, third = (self.corners[faces[:, i]] for i in range(3))
         area = np.cross(second - first, third - first)
         size = np.linalg.norm(area, axis=1)
         there = size > 0
-        self.faces, self.normals = joined[there], area[there] / size[there, None]
+        self.faces, self.normals = faces[there], area[there] / size[there, None]
         self.size = float(np.ptp(self.corners, axis=0).max(initial=0))
         self.shading = None
         if shape.has_vertex_normals() and not shape.has_face_normals():
-            self.shading = np.array(shape.vertex_normals_buffer(), dtype=np.float64).reshape(-1, 3)[faces[there]]
+            self.shading = np.array(shape.vertex_normals_buffer(), dtype=np.float64).reshape(-1, 3)[self.faces]
 
     def flat(self) -> bool:
         """Whether all lies in one plane."""
@@ -86,14 +82,15 @@ class Mesh:
         """Whether no corner is before the plane of a face."""
         if len(self.faces) * len(self.corners) > MOST:
             return False
-        first = self.corners[self.faces[:, 0]]
-        planes = np.einsum("ij,ij->i", self.normals, first)
+        planes = np.einsum("ij,ij->i", self.normals, self.corners[self.faces[:, 0]])
         return bool((self.normals @ self.corners.T - planes[:, None]).max() <= PLANAR * self.size)
 
     def closed(self) -> bool:
-        """Whether each edge has a face on either side."""
-        edges = np.concatenate([self.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
-        there = set(map(tuple, edges.tolist()))
+        """Whether each edge has a face on either side. A seam, where a corner is stored several times, is none."""
+        _, same = np.unique(self.corners, axis=0, return_inverse=True)
+        faces = same.reshape(-1)[self.faces]
+        edges = np.concatenate([faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]).tolist()
+        there = {(a, b) for a, b in edges}
         return len(there) == len(edges) and all((b, a) in there for a, b in there)
 
     def even(self) -> bool:
@@ -144,11 +141,6 @@ def outside(shape: mi.Shape, sensor: Any) -> bool:
         for x in (0, 1)
         for y in (0, 1)
     ]
-    box = shape.bbox()
-    low, high = (as_array(end) for end in (box.min, box.max))
+    box: Any = shape.bbox()
+    low, high = (np.array(end, dtype=np.float64).ravel() for end in (box.min, box.max))
     return bool((np.min(corners, axis=0) > high).any() or (np.max(corners, axis=0) < low).any())
-
-
-def as_array(point: Any) -> npt.NDArray[np.float64]:
-    """A point, shape (3,)."""
-    return np.array(point, dtype=np.float64).reshape(3)
