@@ -168,7 +168,6 @@ class Paths:
     def __init__(self, found: Inventory) -> None:
         self.found = found
         self.sends = functools.cache(self.sends)
-        self.image = functools.cache(self.image)
 
     def direct(self, kind: Kind, column: str) -> bool:
         """Whether light of this column arrives straight from its source."""
@@ -189,13 +188,8 @@ class Paths:
         return edges >= 2 and any(self.sends(other, edges - 1) for other in self.reached(kind))
 
     def image(self, kind: Kind, edges: int) -> bool:
-        """Whether a lit surface that is not a mirror is seen in this mirror, maybe over others."""
-        if edges < 2:
-            return False
-        return any(
-            (other.smooth and self.sends(other, edges - 1)) or (other.mirror and self.image(other, edges - 1))
-            for other in self.reached(kind)
-        )
+        """Whether a lit surface is seen in this mirror. In one that shows another mirror there is no more to see."""
+        return any(other.smooth and self.sends(other, edges - 1) for other in self.reached(kind))
 
     def with_indirect(self, row: str, depth: int) -> list[Kind]:
         """The kinds that call for the last column of a row."""

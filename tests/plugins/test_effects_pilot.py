@@ -223,5 +223,7 @@ def test_shares_of_the_time() -> None:
         compiling = 100.0 if calls.count(cells) == 1 else 0.0
         return compiling + 1 + ("a" in cells) + 2 * ("b" in cells)
 
-    assert pilot.times(seconds, "ab") == {"a": pytest.approx(0.25), "b": pytest.approx(0.5)}
+    for repeats in (1, 3):
+        calls.clear()
+        assert pilot.times(seconds, "ab", repeats) == {"a": pytest.approx(0.25), "b": pytest.approx(0.5)}
     assert pilot.times(seconds, ["a"]) == {"a": 1.0}

@@ -274,11 +274,15 @@ def test_a_medium_is_refused(where: str) -> None:
     assert "\n" not in str(raised.value)
 
 
-def faceted(points: list[list[float]], faces: list[list[int]], bsdf: dict[str, Any]) -> Any:
+def faceted(points: list[list[float]], faces: list[list[int]], bsdf: dict[str, Any], round: bool = False) -> Any:
+    """A mesh; if it is to look round, its normals point away from the origin."""
     props = mi.Properties()
     props["bsdf"] = mi.load_dict(bsdf)
-    made = mi.Mesh("mesh", len(points), len(faces), props=props)
+    made = mi.Mesh("mesh", len(points), len(faces), has_vertex_normals=round, props=props)
     params = mi.traverse(made)
+    if round:
+        normals = np.array(points, np.float32) - [0, 0, 0.3]
+        params["vertex_normals"] = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32).ravel()
     params["vertex_positions"] = np.array(points, np.float32).ravel()
     params["faces"] = np.array(faces, np.uint32).ravel()
     params.update()
@@ -311,6 +315,7 @@ TWO_SIDED = {"type": "twosided", "inside": MATT}
         (lambda: {"type": "cylinder", "bsdf": MATT, "flip_normals": True}, True),
         (lambda: faceted(TETRAHEDRON, OUTWARD, MATT), False),
         (lambda: faceted(TETRAHEDRON, OUTWARD, TWO_SIDED), False),
+        (lambda: faceted(TETRAHEDRON, OUTWARD, MATT, round=True), True),  # light may be sent through a face
         (lambda: faceted(TETRAHEDRON, OUTWARD[:3], MATT), False),  # open, but only its outer side answers
         (lambda: faceted(TETRAHEDRON, OUTWARD[:3], TWO_SIDED), True),
         (lambda: faceted(TETRAHEDRON, [f[::-1] for f in OUTWARD], MATT), True),
