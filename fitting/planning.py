@@ -111,6 +111,12 @@ def measured(
     return {**plan, "cells": cells, "pilot": about}
 
 
+def calls(plan: dict[str, Any]) -> int:
+    """How often `measured` calls one of its functions."""
+    called = sum(cell["called_for"] for cell in plan["cells"].values())
+    return pilot.RUNS + (pilot.REPEATS + 1) * (called + 1 if called > 1 else 1)
+
+
 def with_effects(
     loaded: Scene, sensor: mi.Sensor, plan: dict[str, Any]
 ) -> tuple[Callable[[mi.Scene, int, int, int], Layers], Callable[[frozenset[str]], float]]:

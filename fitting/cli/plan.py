@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,7 @@ from brdf import llvm
 from brdf.errors import DataError, UsageError
 
 from .fit import once, pair
-from .output import Json, print_json, print_table
+from .output import Json, print_json, print_table, progress_bar
 
 
 def command(
@@ -54,7 +55,19 @@ def command(
     if pilot or out is not None:
         name, camera = find_sensor(loaded, sensor)
         layers, seconds = planning.with_effects(loaded, camera, plan)
-        plan = {**planning.measured(plan, loaded.scene, layers, seconds, seed), "sensor": name}
+        with progress_bar() as bar:
+            task = bar.add_task("pilot", total=planning.calls(plan))
+
+            def watched(function: Callable[..., Any]) -> Callable[..., Any]:
+                def call(*given: Any) -> Any:
+                    result = function(*given)
+                    bar.advance(task)
+                    return result
+
+                return call
+
+            measured = planning.measured(plan, loaded.scene, watched(layers), watched(seconds), seed)
+        plan = {**measured, "sensor": name}
         if out is not None:
             from ..report import plan as page
 

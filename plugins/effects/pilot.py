@@ -27,14 +27,16 @@ Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Layers = Mapping[str, npt.NDArray[Any]]
 
-#: Independent runs. Weights come from the runs that are in neither factor of a product, so four is the least for which
-#: the jackknife, that leaves one out, has any.
+#: Independent runs. A product of two is relative to the pixel in the others, so that four is the least for which the
+#: jackknife, that leaves one out, has any.
 RUNS = 4
 SIZE, SPP = 32, 16
 #: Percentile of the picture without lamps seen directly that counts as white.
 WHITE_PERCENTILE = 99.0
 #: An error is relative to the pixel, but to no less than this fraction of white: darker ones look black.
 FLOOR = 0.05
+#: Timings of each set of cells, after a first that compiles.
+REPEATS = 3
 #: How many standard errors a predicted error may be too low.
 SAFETY = 2.0
 
@@ -148,12 +150,12 @@ def drop_error(pilot: Pilot, cells: Collection[str]) -> Estimate:
     pairs = list(itertools.combinations(range(pilot.runs), 2))
 
     def square(kept: Mask) -> float:
+        seen = gone * visible(whole[kept].mean(axis=0), gone[kept].mean(axis=0), pilot.white)
         found = []
         for i, j in pairs:
             if kept[i] and kept[j]:
                 others = [k for k in range(pilot.runs) if kept[k] and k not in (i, j)]
-                weight = weights(whole[others].mean(axis=0), gone[others].mean(axis=0), pilot.white)
-                found.append(np.mean(weight**2 * gone[i] * gone[j]))
+                found.append(np.mean(seen[i] * seen[j] / scale(whole[others].mean(axis=0), pilot.white) ** 2))
         return float(np.mean(found))
 
     value, se = jackknife(square, pilot.runs)
@@ -163,11 +165,10 @@ def drop_error(pilot: Pilot, cells: Collection[str]) -> Estimate:
     return Estimate(root, se / (2 * root) if value > se else math.sqrt(value + se) - root)
 
 
-def weights(whole: Floats, gone: Floats, white: float) -> Floats:
-    """What makes of light that is left out a relative error: below white, 1 / pixel."""
+def visible(whole: Floats, gone: Floats, white: float) -> Floats:
+    """The part of the light left out whose loss is seen: less than 1 where the picture is above white."""
     shown = np.minimum(whole, white) - np.minimum(np.maximum(whole - gone, 0), white)
-    slope = np.where(gone > 0, shown / np.where(gone > 0, gone, 1), whole < white)
-    return slope / scale(whole, white)
+    return np.where(gone > 0, shown / np.where(gone > 0, gone, 1), 1)
 
 
 def scale(whole: Floats, white: float) -> Floats:
@@ -269,7 +270,7 @@ def shrunk(sensor: Any, size: int) -> Iterator[None]:
         change(before)
 
 
-def times(seconds: Callable[[frozenset[str]], float], cells: Iterable[str], repeats: int = 3) -> dict[str, float]:
+def times(seconds: Callable[[frozenset[str]], float], cells: Iterable[str], repeats: int = REPEATS) -> dict[str, float]:
     """The part of the time that each cell takes: what is saved without it alone. They need not add up to 1.
 
     Parameters

@@ -104,6 +104,23 @@ def test_a_pilot_says_what_each_cell_is_worth(capsys: pytest.CaptureFixture[str]
     assert "pilot: 4 runs of 32 pixels" in lines[-1]
 
 
+@pytest.mark.parametrize("name", ["point", "points", "all"])
+def test_progress_knows_its_end(name: str) -> None:
+    from plugins.scene import load
+
+    mi.set_variant("llvm_ad_rgb")
+    plan = planning.static(load(SCENES / f"{name}.xml"))
+    made = []
+    planning.measured(
+        plan,
+        None,  # type: ignore[arg-type]
+        lambda *given: (made.append("layers"), layers(*given))[1],
+        lambda cells: (made.append("seconds"), 1.0)[1],
+        0,
+    )
+    assert len(made) == planning.calls(plan)
+
+
 class Page(HTMLParser):
     """What a page holds, and whether each element that is opened is closed."""
 
