@@ -84,7 +84,7 @@ def show(plan: dict[str, Any]) -> None:
     """Print the lecture's table, then a line a cell."""
     from plugins.effects.table import CELLS, COLUMNS, EMITTER, ROWS
 
-    cells, piloted = plan["cells"], plan["pilot"] is not None
+    cells = plan["cells"]
     depth = "any depth" if plan["max_depth"] < 0 else f"depth {plan['max_depth']} at most"
     print(f"{plan['scene']}, paths of {depth}\n")
     grid = Table("", *COLUMNS, box=None, padding=(0, 2, 0, 0))
@@ -93,19 +93,23 @@ def show(plan: dict[str, Any]) -> None:
     grid.add_row(EMITTER, entry(cells[EMITTER]))
     print_table(grid)
     print("\n· not called for, exactly zero   * easy for a classic ray tracer\n")
-    columns = ["", "share", "time", "error without"] if piloted else [""]
-    lines = Table(*columns, "why", "technique", box=None, padding=(0, 2, 0, 0))
     for name in CELLS:
         cell = cells[name]
-        numbers = [of_share(cell), percent(cell["time"]), of_error(cell)] if piloted else []
-        if not cell["called_for"]:
-            numbers = ["·"] * len(numbers)
-        lines.add_row(name, *numbers, cell["why"], cell["technique"] or "·")
-    print_table(lines)
-    if piloted:
+        print(
+            f"{name:<{max(map(len, CELLS))}}  {cell['why']}" + (f": {cell['technique']}" if cell["technique"] else "")
+        )
+    if plan["pilot"] is not None:
+        numbers = Table("", "share of light", "of time", "error without it", box=None, padding=(0, 2, 0, 0))
+        for name in (name for name in CELLS if cells[name]["called_for"]):
+            cell = cells[name]
+            numbers.add_row(name, of_share(cell), percent(cell["time"]), of_error(cell))
+        print()
+        print_table(numbers)
         about = plan["pilot"]
-        print(f"\npilot: {about['runs']} runs of {about['size']} pixels, {about['spp']} samples each; "
-              f"{about['seconds']:.1f} s. Error: relative to each pixel, root mean square.")  # fmt: skip
+        print(
+            f"\n{about['runs']} runs of {about['size']} pixels with {about['spp']} samples each, {about['seconds']:.1f} s. "
+            "Errors are relative to\neach pixel, root mean square."
+        )
 
 
 def entry(cell: dict[str, Any]) -> str:

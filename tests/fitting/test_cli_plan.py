@@ -101,7 +101,21 @@ def test_a_pilot_says_what_each_cell_is_worth(capsys: pytest.CaptureFixture[str]
     start = next(i for i, line in enumerate(lines) if "environment" in line and "point" in line)
     assert max(map(len, lines[: start + 7])) <= 80
     assert f"{100 * LIGHT['diffuse.point'] / total:.1f} ±0.0 %*" in lines[start + 1]
-    assert "pilot: 4 runs of 32 pixels" in lines[-1]
+    assert max(map(len, lines)) <= 80
+    share = 100 * LIGHT["glossy.point"] / total
+    numbers = [line for line in lines if line.startswith("glossy.point")][1]
+    assert numbers.split() == [
+        "glossy.point",
+        f"{share:.1f}",
+        "±0.0",
+        "%",
+        "50",
+        "%",
+        f"{share / 2**0.5:.1f}",
+        "±0.0",
+        "%",
+    ]
+    assert "4 runs of 32 pixels" in lines[-2]
 
 
 @pytest.mark.parametrize("name", ["point", "points", "all"])
