@@ -93,11 +93,10 @@ def show(plan: dict[str, Any]) -> None:
     grid.add_row(EMITTER, entry(cells[EMITTER]))
     print_table(grid)
     print("\n· not called for, exactly zero   * easy for a classic ray tracer\n")
+    width = max(map(len, CELLS))
     for name in CELLS:
         cell = cells[name]
-        print(
-            f"{name:<{max(map(len, CELLS))}}  {cell['why']}" + (f": {cell['technique']}" if cell["technique"] else "")
-        )
+        print(f"{name:<{width}}  {cell['why']}" + (f": {cell['technique']}" if cell["technique"] else ""))
     if plan["pilot"] is not None:
         numbers = Table("", "share of light", "of time", "error without it", box=None, padding=(0, 2, 0, 0))
         for name in (name for name in CELLS if cells[name]["called_for"]):
@@ -107,9 +106,9 @@ def show(plan: dict[str, Any]) -> None:
         print_table(numbers)
         about = plan["pilot"]
         print(
-            f"\n{about['runs']} runs of {about['size']} pixels with {about['spp']} samples each, {about['seconds']:.1f} s. "
-            "Errors are relative to\neach pixel, root mean square."
+            f"\n{about['runs']} runs of {about['size']} pixels with {about['spp']} samples each, {about['seconds']:.1f} s."
         )
+        print("Errors are relative to each pixel, root mean square.")
 
 
 def entry(cell: dict[str, Any]) -> str:

@@ -34,7 +34,7 @@ def cells(scene: Any, max_depth: int, size: int = 24, spp: int = 64, seed: int =
     split = {}
     for row, kind in (("diffuse", flags.Diffuse), ("glossy", flags.Glossy)):
         split[row] = mi.BSDFContext()
-        split[row].type_mask = mi.UInt32(int(kind)) if not isinstance(split[row].type_mask, int) else int(kind)
+        split[row].type_mask = int(kind)
     full = mi.BSDFContext()
     points = [e for e in scene.emitters() if int(e.flags()) & int(mi.EmitterFlags.Delta)]
 
