@@ -121,7 +121,7 @@ def test_under_much_noise_they_err_on_the_large_side(cells: set[str]) -> None:
     assert np.mean([g.value + 2 * g.se > w for g, w in zip(got, wanted, strict=True)]) >= 0.9
 
 
-def test_pure_noise_around_nothing_is_no_error() -> None:
+def test_what_is_hardly_ever_met_is_neither_nothing_nor_its_noise() -> None:
     """A layer that is hit once in a long while: products of two runs are 0 almost everywhere."""
 
     def rare(scene: Any, spp: int, seed: int, size: int) -> dict[str, np.ndarray]:
@@ -129,8 +129,10 @@ def test_pure_noise_around_nothing_is_no_error() -> None:
         return {"diffuse.point": np.ones((SIZE, SIZE, 3)), "diffuse.indirect": 0.5 * hit * np.ones(3)}
 
     got = [pilot.drop_error(pilot.run(rare, SCENE, seed=s), {"diffuse.indirect"}) for s in range(30)]
-    # Its mean is .005 of the pixel. Squares of single runs would say .5 * sqrt(.01) = .05.
-    assert np.sqrt(np.mean([g.value**2 for g in got])) < 0.02
+    # Its mean is .005 of the pixel, known to 21 % from 23 hits. Squares of single runs would say .5 * sqrt(.01) = .05.
+    assert 0.0045 < np.mean([g.value for g in got]) < 0.02
+    assert np.mean([g.value + 2 * g.se > 0.0045 for g in got]) > 0.9
+    assert max(g.value + g.se for g in got) < 0.05
 
 
 def test_a_lamp_that_fills_part_of_a_pixel() -> None:
