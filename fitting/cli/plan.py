@@ -105,9 +105,8 @@ def show(plan: dict[str, Any]) -> None:
         print()
         print_table(numbers)
         about = plan["pilot"]
-        print(
-            f"\n{about['runs']} runs of {about['size']} pixels with {about['spp']} samples each, {about['seconds']:.1f} s."
-        )
+        runs = f"{about['runs']} runs of {about['size']} pixels with {about['spp']} samples each"
+        print(f"\n{runs}, {about['seconds']:.1f} s.")
         print("Errors are relative to each pixel, root mean square.")
 
 

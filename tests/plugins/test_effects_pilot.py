@@ -118,7 +118,8 @@ def test_under_much_noise_they_err_on_the_large_side(cells: set[str]) -> None:
     wanted = [known_error(cells, one.white) for one in found]
     ratio = np.mean([g.value for g in got]) / np.mean(wanted)
     assert 0.97 < ratio < 1.25
-    assert np.mean([g.value + 2 * g.se > w for g, w in zip(got, wanted, strict=True)]) >= 0.9
+    # Were it right on average, 93 % (Student, 3 degrees of freedom).
+    assert np.mean([g.value + 2 * g.se > w for g, w in zip(got, wanted, strict=True)]) >= 0.93
 
 
 def test_what_is_hardly_ever_met_is_neither_nothing_nor_its_noise() -> None:
@@ -131,7 +132,9 @@ def test_what_is_hardly_ever_met_is_neither_nothing_nor_its_noise() -> None:
     got = [pilot.drop_error(pilot.run(rare, SCENE, seed=s), {"diffuse.indirect"}) for s in range(30)]
     # Its mean is .005 of the pixel, known to 21 % from 23 hits. Squares of single runs would say .5 * sqrt(.01) = .05.
     assert 0.0045 < np.mean([g.value for g in got]) < 0.02
-    assert np.mean([g.value + 2 * g.se > 0.0045 for g in got]) > 0.9
+    # With a standard error from 4 runs, 2 of them are a bound in 93 % (Student, 3 degrees of freedom); of 30, in fewer
+    # than 24 with a probability of .5 %.
+    assert np.mean([g.value + 2 * g.se > 0.005 for g in got]) >= 0.8
     assert max(g.value + g.se for g in got) < 0.05
 
 
