@@ -65,7 +65,21 @@ class Branch:
     eta: Any
     null: Any
     """Whether the surface is passed as if it were not there."""
-    beta: Any = None
+    beta: Any
+    """Throughput along it."""
+
+
+@dataclass
+class Lamp:
+    """A direction to a lamp, and what comes from there if it is reflected."""
+
+    ds: Any
+    weight: Any
+    lit: Any
+    wo: Any
+    """In the local frame."""
+    columns: tuple[str, ...]
+    """The kinds that the lamp can be of."""
 
 
 class Walk:
@@ -96,6 +110,7 @@ class Walk:
         null = int(flags.Null) if contents.null else 0
         of_row = {"diffuse": int(flags.Diffuse), "glossy": int(flags.Glossy)}
         self.every = context(self.smooth | null)
+        self.types = of_row
         self.row = {row: context(of_row[row] | null) for row in contents.rows}
         going_on = switches.continued
         self.restricted = bool(going_on) and going_on != contents.rows
@@ -202,21 +217,21 @@ class Walk:
 
     # -- light from lamps
 
-    def direct(self, s: State, si: Any, bsdf: Any, sampler: Any, fresh: Any, at: Any) -> None:
-        """Add light that comes straight from lamps to the surfaces `at`."""
-        switches = self.switches
+    def lamps(self, s: State, si: Any, sampler: Any, fresh: Any, at: Any) -> list[Lamp]:
+        """Directions to lamps from the surfaces `at`, and what would come from there."""
+        switches, out = self.switches, []
         later = switches.indirect and fresh is not True
         none = mi.Point2f(0)
         if "point" in self.contents.columns and (later or (switches.wants("point") and fresh is not False)):
-            lamps = self.points.emitters
-            for lamp in lamps if len(lamps) <= SUMMED else (None,):
-                if lamp is None:
+            emitters = self.points.emitters
+            for emitter in emitters if len(emitters) <= SUMMED else (None,):
+                if emitter is None:
                     ds, weight, _ = self.points.sample(si, sampler.next_1d(), none, at)
                 else:
-                    ds, weight = lamp.sample_direction(si, none, at)
+                    ds, weight = emitter.sample_direction(si, none, at)
                 lit = at & (ds.pdf != 0) & dr.any(weight != 0)
                 lit &= ~self.scene.ray_test(dr.detach(si.spawn_ray_to(ds.p)), lit)
-                self.reflect(s, si, bsdf, ds, weight, fresh, lit, ("point",))
+                out.append(Lamp(ds, weight, lit, si.to_local(ds.d), ("point",)))
         columns = tuple(c for c in ("area", "environment") if c in self.contents.columns)
         if columns and (later or (fresh is not False and any(switches.wants(c) for c in columns))):
             still = dr.detach(si)
@@ -231,55 +246,89 @@ class Walk:
                 ds.d = dr.replace_grad(ds.d, dr.select(infinite, ds.d, dr.normalize(to)))
                 again = emitter.eval_direction(si, ds, lit) / dr.select(ds.pdf > 0, ds.pdf, 1)
                 weight = again * dr.select(infinite | ~lit, 1, moved(si.p, ds.p, ds.n))
-            self.reflect(s, si, bsdf, ds, weight, fresh, lit, columns)
+            out.append(Lamp(ds, weight, lit, si.to_local(ds.d), columns))
+        return out
 
-    def reflect(
-        self, s: State, si: Any, bsdf: Any, ds: Any, weight: Any, fresh: Any, lit: Any, columns: tuple[str, ...]
-    ) -> None:
-        """Add the light of one lamp, of which `columns` are the kinds that it can be."""
-        switches, rows = self.switches, self.contents.rows
-        wo = si.to_local(ds.d)
-        sampled = columns != ("point",)
-        incoming = s.beta * weight
+    def reflect(self, s: State, lamp: Lamp, answer: Any, fresh: Any) -> None:
+        """Add the light of one lamp."""
+        switches, columns = self.switches, lamp.columns
+        every, rows, pdf = answer
+        incoming = s.beta * lamp.weight
+        if columns != ("point",):
+            incoming *= dr.detach(mis(lamp.ds.pdf, pdf))
         young = self.is_fresh(s, fresh)
-        #: Whether one value of the reflectance does for the first surface and for those after it.
-        together = not self.layers and all(switches.wants(c) == rows for c in columns)
+        together = self.together(columns)
         if together or (switches.indirect and fresh is not True):
-            on = lit if together or fresh is False else lit & ~young
-            if sampled:
-                f, pdf = bsdf.eval_pdf(self.every, si, wo, on)
-                if self.restricted and fresh is not False:
-                    pdf = dr.select(young, bsdf.pdf(self.first, si, wo, on & young), pdf)
-                f = f * dr.detach(mis(ds.pdf, pdf))
-            else:
-                f = bsdf.eval(self.every, si, wo, on)
-            self.add_indirect(s, dr.select(on, incoming * f, 0))
+            on = lamp.lit if together or fresh is False else lamp.lit & ~young
+            self.add_indirect(s, dr.select(on, incoming * every, 0))
         if together or fresh is False:
             return
-        on = lit & young
-        if sampled:
-            incoming = incoming * dr.detach(mis(ds.pdf, bsdf.pdf(self.first, si, wo, on)))
-        for row in rows:
-            asked = tuple(c for c in columns if row in switches.wants(c))
-            if not asked:
-                continue
-            value = dr.select(on, incoming * bsdf.eval(self.row[row], si, wo, on), 0)
-            for column in asked:
+        for row, f in rows.items():
+            value = dr.select(lamp.lit & young, incoming * f, 0)
+            for column in columns:
+                if row not in switches.wants(column):
+                    continue
                 mine = value
                 if len(columns) > 1:
-                    infinite = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.Infinite)
+                    infinite = mi.has_flag(lamp.ds.emitter.flags(), mi.EmitterFlags.Infinite)
                     mine = dr.select(infinite == mi.Bool(column == "environment"), value, 0)
                 self.add_shaded(s, row, column, mine)
 
-    # -- where to go on
+    def together(self, columns: tuple[str, ...]) -> bool:
+        """Whether one value of the reflectance does for the first surface and for those after it."""
+        return not self.layers and all(self.switches.wants(c) == self.contents.rows for c in columns)
 
-    def is_fresh(self, s: State, fresh: Any) -> Any:
-        return mi.Bool(fresh) if isinstance(fresh, bool) else s.stage <= IMAGE
+    # -- what a surface does; asked once for each, so that what it computes for one question serves the others
 
-    def scatter(self, s: State, si: Any, bsdf: Any, sampler: Any, fresh: Any, at: Any) -> tuple[Branch, Any]:
-        """A branch into the diffuse and glossy lobes, and past the surface where it lets light pass; its `share`."""
-        number, point = sampler.next_1d(), sampler.next_2d()
-        young = self.is_fresh(s, fresh)
+    def in_rows(self, bsdf: Any, si: Any, wo: Any, on: Any) -> dict[str, Any]:
+        """``f cos`` of the diffuse and of the glossy lobes."""
+        has, out = bsdf.flags(), {}
+        for row in self.contents.rows:
+            if not has & self.types[row]:
+                out[row] = mi.Spectrum(0)
+            elif has & self.smooth & ~self.types[row]:
+                out[row] = bsdf.eval(self.row[row], si, wo, on)
+            else:
+                out[row] = bsdf.eval(self.every, si, wo, on)
+        return out
+
+    def answers(self, bsdf: Any, si: Any, lamps: Any, u: Any, young: Any, fresh: Any, active: Any) -> Any:
+        """All that one surface is asked: see `step`. `lamps` are pairs of direction and mask, with static kinds beside."""
+        has = bsdf.flags()
+        lit = []
+        for columns, (wo, on) in zip(self.asked, lamps, strict=True):
+            every, rows, pdf = mi.Spectrum(0), {}, mi.Float(0)
+            if has & self.smooth:
+                if columns == ("point",):
+                    every = bsdf.eval(self.every, si, wo, on)
+                else:
+                    every, pdf = bsdf.eval_pdf(self.every, si, wo, on)
+                    if self.restricted and fresh is not False:
+                        pdf = dr.select(young, bsdf.pdf(self.first, si, wo, on), pdf)
+            if not self.together(columns) and fresh is not False:
+                rows = self.in_rows(bsdf, si, wo, on)
+            lit.append((every, rows, pdf))
+        out = [lit]
+        if "spread" in u:
+            branch, share = self.nowhere(), mi.Spectrum(1)
+            if has & self.smooth:
+                branch, share = self.scatter(bsdf, si, *u["spread"], young, fresh, active)
+            out.append((branch, share))
+        for name, kind, types in (
+            ("mirrored", self.mirror, int(mi.BSDFFlags.DeltaReflection)),
+            ("through", self.through, int(mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null)),
+        ):
+            if name in u:
+                mine = has & types
+                if has & self.smooth:  # what a surface with other lobes lets pass, `scatter` has
+                    mine &= ~int(mi.BSDFFlags.Null)
+                out.append(self.ideal(bsdf, si, kind, *u[name], active) if mine else self.nowhere())
+        return out
+
+    def scatter(
+        self, bsdf: Any, si: Any, number: Any, point: Any, young: Any, fresh: Any, at: Any
+    ) -> tuple[Branch, Any]:
+        """A branch into the diffuse and glossy lobes, or past the surface where it lets light pass; its `share`."""
         if self.restricted and fresh is not False:
             bs, weight = bsdf.sample(self.first, si, number, point, at & young)
             if fresh is not True and self.switches.indirect:
@@ -288,109 +337,58 @@ class Walk:
         else:
             bs, weight = bsdf.sample(self.every, si, number, point, at)
         weight = dr.select(at & (bs.pdf > 0), weight, 0)
-        direction = si.to_world(bs.wo)
         null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
-        if self.attached:
-            bs.wo, bs.pdf, direction = dr.detach(bs.wo), dr.detach(bs.pdf), dr.detach(direction)
-            on = at & (bs.pdf > 0) & ~null
-            met = self.scene.ray_intersect(
-                dr.detach(si).spawn_ray(direction), mi.RayFlags.Minimal, coherent=False, active=on
-            )
-            met = dr.detach(met)
-            hit = on & met.is_valid()
-            direction = dr.replace_grad(direction, dr.select(hit, dr.normalize(met.p - si.p), direction))
-            wo = si.to_local(direction)
-            f = bsdf.eval(self.every, si, wo, on)
-            if self.restricted and fresh is not False:
-                f = dr.select(young, bsdf.eval(self.first, si, wo, on & young), f)
-            f = f / dr.select(bs.pdf > 0, bs.pdf, 1)
-            weight = dr.select(on, f * dr.select(hit, moved(si.p, met.p, met.n), 1), weight)
-        share = s.share
+        share = mi.Spectrum(1)
         if self.apart and not self.restricted and fresh is not False:
-            first = at & young & ~null
-            wo = si.to_local(direction)
-            diffuse = bsdf.eval(self.row["diffuse"], si, wo, first)
-            both = diffuse + bsdf.eval(self.row["glossy"], si, wo, first)
-            share = dr.select(first, dr.select(both > 0, diffuse / dr.select(both > 0, both, 1), 0), share)
-        return Branch(weight, direction, bs.pdf, bs.eta, null), share
+            share = part(self.in_rows(bsdf, si, bs.wo, at & ~null))
+        return Branch(weight, mi.Vector3f(bs.wo), mi.Float(bs.pdf), dr.detach(bs.eta), null, mi.Spectrum(0)), share
 
-    def ideal(self, si: Any, bsdf: Any, kind: Any, sampler: Any, at: Any) -> Branch:
+    def ideal(self, bsdf: Any, si: Any, kind: Any, number: Any, point: Any, at: Any) -> Branch:
         """The branch of a mirror, or of light that goes through, with its whole weight."""
-        number, point = sampler.next_1d(), sampler.next_2d()
         bs, weight = bsdf.sample(kind, si, number, point, at)
         right = at & (bs.pdf > 0)
         null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
-        if kind is self.mirror:
+        if kind is self.mirror or bsdf.flags() & self.smooth:
             right &= ~null
-        else:  # what a surface with other lobes lets pass, `scatter` has
-            right &= ~(null & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
-        return Branch(dr.select(right, weight, 0), si.to_world(bs.wo), mi.Float(0), dr.detach(bs.eta), null)
+        weight = dr.select(right, weight, 0)
+        return Branch(weight, mi.Vector3f(bs.wo), mi.Float(0), dr.detach(bs.eta), null, mi.Spectrum(0))
 
-    # -- whole paths
+    def attach(self, spread: Branch, share: Any, bsdf: Any, si: Any, young: Any, fresh: Any, at: Any) -> Any:
+        """Give the branch of `scatter` its derivative: density and the point that is met are held, the rest follows.
 
-    def run(self, sampler: Any, ray: Any, active: Any) -> State:
-        """All paths of the rays from the eye."""
-        names = CELLS if self.layers else ("",)
-        s = State(
-            ray=mi.Ray3f(ray),
-            beta=mi.Spectrum(1),
-            eta=mi.Float(1),
-            depth=mi.UInt32(0),
-            stage=mi.UInt32(EYE),
-            pdf=mi.Float(0),
-            share=mi.Spectrum(float(not self.restricted or self.switches.continued == ("diffuse",))),
-            mirrored=mi.Bool(False),
-            active=mi.Bool(active),
-            valid=mi.Bool(not self.hide and "environment" in self.contents.columns),
-            count=mi.UInt32(0),
-            light={name: mi.Spectrum(0) for name in names},
+        Where nothing is met, the direction is held instead.
+        """
+        wo = dr.detach(spread.direction)
+        spread.pdf = dr.detach(spread.pdf)
+        world = dr.detach(si.to_world(wo))
+        on = at & (spread.pdf > 0) & ~spread.null
+        still = dr.detach(si)
+        met = dr.detach(
+            self.scene.ray_intersect(still.spawn_ray(world), mi.RayFlags.Minimal, coherent=False, active=on)
         )
-        if self.max_depth == 0:
-            return s
-        if self.hide:
-            s.ray = self.past_lamps(s.ray, s.active)
-        if self.switches.tree or self.contents.null:
-            return self.loop(s, sampler, None)
-        s = self.step(s, None, sampler, True)
-        if self.switches.indirect:
-            return self.loop(s, sampler, False)
-        if self.switches.continued:
-            self.emission(s, self.scene.ray_intersect(s.ray, mi.RayFlags.All, coherent=False, active=s.active), False)
-        return s
+        hit = on & met.is_valid()
+        world = dr.replace_grad(world, dr.select(hit, dr.normalize(met.p - si.p), world))
 
-    def loop(self, s: State, sampler: Any, fresh: Any) -> State:
-        stack = None
-        if self.switches.tree and self.max_depth != 1:
-            most = WAITING_ATTACHED if self.attached else WAITING
-            size = most if self.max_depth < 0 else min(most, self.max_depth - 1)
-            zero = mi.Vector3f(0)
-            blank = self.entry(mi.Point3f(0), zero, mi.Spectrum(0), mi.Float(0), mi.UInt32(0))
-            stack = Stack(blank, size, mi.UInt32, registers=self.attached)
+        def again(bsdf: Any, si: Any, wo: Any, young: Any, active: Any) -> Any:
+            if not bsdf.flags() & self.smooth:
+                return mi.Spectrum(0), mi.Spectrum(1)
+            f = bsdf.eval(self.every, si, wo, active)
+            if self.restricted and fresh is not False:
+                f = dr.select(young, bsdf.eval(self.first, si, wo, active), f)
+            if self.apart and not self.restricted and fresh is not False:
+                return f, part(self.in_rows(bsdf, si, wo, active))
+            return f, mi.Spectrum(1)
 
-        def body(s: State, sampler: Any, held: Any) -> tuple[State, Any, Any]:
-            if stack is not None:
-                stack.state = held
-            s = self.step(s, stack, sampler, fresh)
-            return s, sampler, stack.state if stack is not None else held
-
-        held = stack.state if stack is not None else ()
-        mode = "evaluated" if self.attached else None
-        s, _, _ = dr.while_loop((s, sampler, held), lambda s, sampler, held: s.active, body, mode=mode, label="effects")
-        return s
-
-    def past_lamps(self, ray: Any, active: Any) -> Any:
-        """Rays that begin behind all area emitters that they would meet first."""
-
-        def body(ray: Any, active: Any, count: Any) -> tuple[Any, Any, Any]:
-            si = self.scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=True, active=active)
-            active &= si.is_valid() & (si.shape.emitter() != None) & (count < LONGEST)  # noqa: E711
-            return dr.select(active, si.spawn_ray(ray.d), ray), active, count + 1
-
-        state = (mi.Ray3f(ray), mi.Bool(active), mi.UInt32(0))
-        return dr.while_loop(state, lambda ray, active, count: active, body)[0]
+        f, share = dr.dispatch(bsdf, again, si, si.to_local(world), young, on)
+        f = f / dr.select(on, spread.pdf, 1) * dr.select(hit, moved(si.p, met.p, met.n), 1)
+        spread.weight = dr.select(on, f, spread.weight)
+        spread.direction = dr.select(spread.null, si.to_world(spread.direction), world)
+        return share
 
     def nowhere(self) -> Branch:
-        return Branch(mi.Spectrum(0), mi.Vector3f(0, 0, 1), mi.Float(0), mi.Float(1), mi.Bool(False))
+        return Branch(mi.Spectrum(0), mi.Vector3f(0, 0, 1), mi.Float(0), mi.Float(1), mi.Bool(False), mi.Spectrum(0))
+
+    # -- a step
 
     def step(self, s: State, stack: Stack | None, sampler: Any, fresh: Any) -> State:
         """Go to the next surface, collect light there, and choose where to go on.
@@ -405,43 +403,73 @@ class Walk:
         if self.max_depth >= 0:
             going &= s.depth + 1 < self.max_depth
         bsdf = si.bsdf(s.ray)
-        flags = bsdf.flags()
         young = self.is_fresh(s, fresh)
         if not switches.indirect and fresh is not True:
-            going &= young | mi.has_flag(flags, mi.BSDFFlags.Null)
+            going &= young | mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
         if self.rr_depth < self.max_depth or self.max_depth < 0:
             chance = dr.minimum(self.strength(s, s.beta), SURVIVAL)
             old = going & (s.depth >= self.rr_depth)
             going &= ~old | (sampler.next_1d() < chance)
             s.beta = dr.select(old & going, s.beta / dr.select(chance > 0, chance, 1), s.beta)
 
-        smooth = going if contents.smooth else going & mi.has_flag(flags, mi.BSDFFlags.Smooth)
         shown = mi.Bool(switches.indirect)
         if fresh is not False:
             first = mi.Bool(switches.eye)
             if switches.eye != switches.image and fresh is not True:
                 first = (s.stage == EYE) == first
             shown = dr.select(young, first, shown)
-        beta, share = self.called_indirect(s, fresh)
+        lamps: list[Lamp] = []
         if switches.shades:
-            at = State(**{**vars(s), "beta": beta, "share": share})
-            self.direct(at, si, bsdf, sampler, fresh, smooth & shown)
+            at = going & shown
+            if not contents.smooth:
+                at &= mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+            lamps = self.lamps(s, si, sampler, fresh, at)
+        u = {}
+        if contents.rows and (switches.indirect or (switches.continued and fresh is not False) or contents.null):
+            u["spread"] = (sampler.next_1d(), sampler.next_2d())
+        follows = (switches.tree and fresh is not False) or (switches.indirect and fresh is not True)
+        if contents.reflects and follows:
+            u["mirrored"] = (sampler.next_1d(), sampler.next_2d())
+        if (contents.transmits and follows) or contents.thin:
+            u["through"] = (sampler.next_1d(), sampler.next_2d())
+        self.asked = [lamp.columns for lamp in lamps]
+
+        def ask(bsdf: Any, si: Any, lamps: Any, u: Any, young: Any, active: Any) -> Any:
+            return self.answers(bsdf, si, lamps, u, young, fresh, active)
+
+        lit, *rest = dr.dispatch(bsdf, ask, si, [(lamp.wo, lamp.lit) for lamp in lamps], u, young, going)
+        answers = dict(zip(u, rest, strict=True))
+
+        beta, share = self.called_indirect(s, fresh)
+        at = State(**{**vars(s), "beta": beta, "share": share})
+        for lamp, answer in zip(lamps, lit, strict=True):
+            self.reflect(at, lamp, answer, fresh)
 
         spread, mirrored, through = self.nowhere(), self.nowhere(), self.nowhere()
-        if contents.rows and (switches.indirect or (switches.continued and fresh is not False) or contents.null):
+        if "spread" in u:
+            spread, part_diffuse = answers["spread"]
+            if self.attached:
+                part_diffuse = self.attach(spread, part_diffuse, bsdf, si, young, fresh, going)
+            else:
+                spread.direction = si.to_world(spread.direction)
             goes_on = mi.Bool(bool(switches.continued)) if fresh is True else ~young | bool(switches.continued)
-            spread, part = self.scatter(s, si, bsdf, sampler, fresh, smooth)
             spread.weight = dr.select(spread.null | (shown & goes_on), spread.weight, 0)
-            share = dr.select(spread.null, s.share, part if fresh is True else dr.select(young, part, share))
-        follows = (switches.tree and fresh is not False) or (switches.indirect and fresh is not True)
-        ideal = going & mi.has_flag(flags, mi.BSDFFlags.Delta)
+            if self.apart and not self.restricted and fresh is not False:
+                share = dr.select(young, part_diffuse, share)
+            share = dr.select(spread.null, s.share, share)
         allowed = dr.select(young, mi.Bool(switches.tree), mi.Bool(switches.indirect))
-        if contents.reflects and follows:
-            mirrored = self.ideal(si, bsdf, self.mirror, sampler, ideal & allowed)
-        if (contents.transmits and follows) or contents.thin:
-            through = self.ideal(si, bsdf, self.through, sampler, ideal)
+        if "mirrored" in u:
+            mirrored = answers["mirrored"]
+            mirrored.weight = dr.select(allowed, mirrored.weight, 0)
+            mirrored.direction = si.to_world(mirrored.direction)
+        if "through" in u:
+            through = answers["through"]
             through.weight = dr.select(through.null | allowed, through.weight, 0)
+            through.direction = si.to_world(through.direction)
         return self.go_on(s, stack, sampler, si, (spread, mirrored, through), beta, share, young)
+
+    def is_fresh(self, s: State, fresh: Any) -> Any:
+        return mi.Bool(fresh) if isinstance(fresh, bool) else s.stage <= IMAGE
 
     def called_indirect(self, s: State, fresh: Any) -> tuple[Any, Any]:
         """Throughput and `share` at a surface where light becomes indirect: of the rows for which that is called for."""
@@ -518,6 +546,69 @@ class Walk:
         """How much of the light at the eye comes along a branch, at most: without the compression of radiance."""
         return dr.detach(dr.max(mi.unpolarized_spectrum(beta)) * dr.square(s.eta * eta))
 
+    # -- whole paths
+
+    def run(self, sampler: Any, ray: Any, active: Any) -> State:
+        """All paths of the rays from the eye."""
+        names = CELLS if self.layers else ("",)
+        s = State(
+            ray=mi.Ray3f(ray),
+            beta=mi.Spectrum(1),
+            eta=mi.Float(1),
+            depth=mi.UInt32(0),
+            stage=mi.UInt32(EYE),
+            pdf=mi.Float(0),
+            share=mi.Spectrum(float(not self.restricted or self.switches.continued == ("diffuse",))),
+            mirrored=mi.Bool(False),
+            active=mi.Bool(active),
+            valid=mi.Bool(not self.hide and "environment" in self.contents.columns),
+            count=mi.UInt32(0),
+            light={name: mi.Spectrum(0) for name in names},
+        )
+        if self.max_depth == 0:
+            return s
+        if self.hide:
+            s.ray = self.past_lamps(s.ray, s.active)
+        if self.switches.tree or self.contents.null:
+            return self.loop(s, sampler, None)
+        s = self.step(s, None, sampler, True)
+        if self.switches.indirect:
+            return self.loop(s, sampler, False)
+        if self.switches.continued:
+            self.emission(s, self.scene.ray_intersect(s.ray, mi.RayFlags.All, coherent=False, active=s.active), False)
+        return s
+
+    def loop(self, s: State, sampler: Any, fresh: Any) -> State:
+        stack = None
+        if self.switches.tree and self.max_depth != 1:
+            most = WAITING_ATTACHED if self.attached else WAITING
+            size = most if self.max_depth < 0 else min(most, self.max_depth - 1)
+            zero = mi.Vector3f(0)
+            blank = self.entry(mi.Point3f(0), zero, mi.Spectrum(0), mi.Float(0), mi.UInt32(0))
+            stack = Stack(blank, size, mi.UInt32, registers=self.attached)
+
+        def body(s: State, sampler: Any, held: Any) -> tuple[State, Any, Any]:
+            if stack is not None:
+                stack.state = held
+            s = self.step(s, stack, sampler, fresh)
+            return s, sampler, stack.state if stack is not None else held
+
+        held = stack.state if stack is not None else ()
+        mode = "evaluated" if self.attached else None
+        s, _, _ = dr.while_loop((s, sampler, held), lambda s, sampler, held: s.active, body, mode=mode, label="effects")
+        return s
+
+    def past_lamps(self, ray: Any, active: Any) -> Any:
+        """Rays that begin behind all area emitters that they would meet first."""
+
+        def body(ray: Any, active: Any, count: Any) -> tuple[Any, Any, Any]:
+            si = self.scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=True, active=active)
+            active &= si.is_valid() & (si.shape.emitter() != None) & (count < LONGEST)  # noqa: E711
+            return dr.select(active, si.spawn_ray(ray.d), ray), active, count + 1
+
+        state = (mi.Ray3f(ray), mi.Bool(active), mi.UInt32(0))
+        return dr.while_loop(state, lambda ray, active, count: active, body)[0]
+
 
 def entry_class() -> type:
     """A branch that waits, in the types of the variant now set."""
@@ -543,6 +634,12 @@ def mis(mine: Any, other: Any) -> Any:
     """The power heuristic: the weight of a sample of density `mine` that another technique also takes."""
     weight = dr.square(mine) / (dr.square(mine) + dr.square(other))
     return dr.select(mine > 0, dr.select(dr.isfinite(weight), weight, 1), 0)
+
+
+def part(rows: dict[str, Any]) -> Any:
+    """The part of what is reflected that the diffuse lobes reflect."""
+    total = rows["diffuse"] + rows["glossy"]
+    return dr.select(total > 0, rows["diffuse"] / dr.select(total > 0, total, 1), 0)
 
 
 def moved(p: Any, fixed: Any, n: Any) -> Any:

@@ -51,6 +51,9 @@ def checker() -> dict[str, Any]:
     return {"type": "diffuse", "reflectance": board}
 
 
+DIFFUSE: dict[str, Any] = {"type": "diffuse", "reflectance": rgb(0.5)}
+
+
 def rough_plastic(alpha: float = 0.1) -> dict[str, Any]:
     return {"type": "roughplastic", "alpha": alpha, "diffuse_reflectance": rgb(0.5, 0.2, 0.1)}
 
@@ -61,7 +64,7 @@ def one_point(size: int = 32) -> dict[str, Any]:
 
 
 def many_points(size: int = 32, number: int = 4) -> dict[str, Any]:
-    out = {"type": "scene", "sensor": camera(size), "ball": ball(rough_plastic()), "floor": plane(checker())}
+    out = {"type": "scene", "sensor": camera(size), "ball": ball(rough_plastic()), "floor": plane(DIFFUSE)}
     for i in range(number):
         x, y = -3 + 6 * ((i * 0.618) % 1), -3 + 6 * ((i * 0.755 + 0.3) % 1)
         out[f"light{i}"] = point(x, y, 4, 60 / number * (1 + i % 3), 60 / number, 40 / number)
@@ -74,7 +77,7 @@ def area_mirror(size: int = 32) -> dict[str, Any]:
         "sensor": camera(size),
         "plastic": ball(rough_plastic(), x=-1.1),
         "mirror": ball({"type": "conductor", "material": "Ag"}, x=1.1),
-        "floor": plane({"type": "diffuse", "reflectance": rgb(0.5)}),
+        "floor": plane(DIFFUSE),
         "lamp": lamp(1, -2, 4, 0.8, 12),
     }
 
@@ -114,7 +117,7 @@ def all_cells(size: int = 32) -> dict[str, Any]:
         "plastic": ball(rough_plastic(), x=-1.1),
         "glazed": ball({"type": "glazed", "diffuse_reflectance": rgb(0.2, 0.5, 0.3)}, x=1.1),
         "glass": ball({"type": "glass"}, y=-1.3, z=-0.5, radius=0.5),
-        "floor": plane({"type": "diffuse", "reflectance": rgb(0.5)}),
+        "floor": plane(DIFFUSE),
         "light": point(-2, -3, 4, 10),
         "lamp": lamp(1, -2, 4, 0.8, 4),
         "lamp2": lamp(-3, 1, 3, 0.5, 4, 2, 1),
