@@ -407,7 +407,7 @@ class Walk:
         if not switches.indirect and fresh is not True:
             going &= young | mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
         if self.rr_depth < self.max_depth or self.max_depth < 0:
-            chance = dr.minimum(self.strength(s, s.beta), SURVIVAL)
+            chance = dr.minimum(dr.detach(dr.max(mi.unpolarized_spectrum(s.beta)) * dr.square(s.eta)), SURVIVAL)
             old = going & (s.depth >= self.rr_depth)
             going &= ~old | (sampler.next_1d() < chance)
             s.beta = dr.select(old & going, s.beta / dr.select(chance > 0, chance, 1), s.beta)
@@ -445,7 +445,7 @@ class Walk:
         for lamp, answer in zip(lamps, lit, strict=True):
             self.reflect(at, lamp, answer, fresh)
 
-        spread, mirrored, through = self.nowhere(), self.nowhere(), self.nowhere()
+        spread = mirrored = through = None
         if "spread" in u:
             spread, part_diffuse = answers["spread"]
             if self.attached:
@@ -485,33 +485,42 @@ class Walk:
         self, s: State, stack: Stack | None, sampler: Any, si: Any, branches: Any, beta: Any, share: Any, young: Any
     ) -> State:
         """Choose among the branches; where mirror images are followed in full, the other one waits on the stack."""
-        spread, mirrored, through = branches
         for b in branches:
-            b.beta = dr.select(b.null, s.beta, beta) * b.weight
-        strong, strong_mirrored, strong_through = (self.strength(s, b.beta, b.eta) for b in branches)
-        if self.cut:
-            strong_mirrored, strong_through = (
-                dr.select(young & (x < self.threshold), 0, x) for x in (strong_mirrored, strong_through)
-            )
+            if b is not None:
+                b.beta = dr.select(b.null, s.beta, beta) * b.weight
+        spread, mirrored, through = branches
         room = young & ~stack.full() if stack is not None else mi.Bool(False)
+        nothing = mi.Bool(False)
+        strong = self.strength(s, spread) if spread is not None else mi.Float(0)
 
-        both = (strong_mirrored > 0) & (strong_through > 0)
-        split = both & room & (strong <= 0) & (dr.minimum(strong_mirrored, strong_through) >= self.threshold)
-        chance = strong_mirrored / dr.select(both, strong_mirrored + strong_through, 1)
-        left = dr.select(both & ~split, sampler.next_1d() < chance, strong_through <= 0)
-        chosen = dr.select(left, mirrored, through)
-        strong_chosen = dr.select(left, strong_mirrored, strong_through)
-        scale = dr.select(both & ~split, dr.select(left, chance, 1 - chance), 1)
-        chosen.beta /= dr.select(scale > 0, scale, 1)
+        split, waiting = nothing, None
+        chosen = through if mirrored is None else mirrored
+        strong_chosen = self.tree_strength(s, chosen, young) if chosen is not None else mi.Float(0)
+        if mirrored is not None and through is not None:
+            strong_mirrored, strong_through = strong_chosen, self.tree_strength(s, through, young)
+            both = (strong_mirrored > 0) & (strong_through > 0)
+            split = both & room & (strong <= 0) & (dr.minimum(strong_mirrored, strong_through) >= self.threshold)
+            one = both & ~split
+            chance = strong_mirrored / dr.select(one, strong_mirrored + strong_through, 1)
+            left = dr.select(one, sampler.next_1d() < chance, ~split & (strong_through <= 0))
+            chosen = dr.select(left, mirrored, through)
+            strong_chosen = dr.select(left, strong_mirrored, strong_through)
+            chosen.beta = chosen.beta / dr.select(one, dr.select(left, chance, 1 - chance), 1)
+            waiting = mirrored
 
-        pair = (strong > 0) & (strong_chosen > 0)
-        apart = pair & room & (strong_chosen >= self.threshold)
-        chance = strong / dr.select(pair, strong + strong_chosen, 1)
-        spreads = dr.select(pair & ~apart, sampler.next_1d() < chance, strong > 0)
-        scale = dr.select(pair & ~apart, dr.select(spreads, chance, 1 - chance), 1)
-        waiting = dr.select(split, mirrored, chosen)
-        taken = dr.select(spreads, spread, chosen)
-        taken.beta /= dr.select(scale > 0, scale, 1)
+        apart, spreads = nothing, strong > 0
+        taken = spread if chosen is None else chosen
+        if spread is not None and chosen is not None:
+            pair = (strong > 0) & (strong_chosen > 0)
+            apart = pair & room & (strong_chosen >= self.threshold)
+            one = pair & ~apart
+            chance = strong / dr.select(one, strong + strong_chosen, 1)
+            spreads = dr.select(one, sampler.next_1d() < chance, spreads)
+            taken = dr.select(spreads, spread, chosen)
+            taken.beta = taken.beta / dr.select(one, dr.select(spreads, chance, 1 - chance), 1)
+            waiting = chosen if waiting is None else dr.select(split, waiting, chosen)
+        if taken is None:
+            taken = self.nowhere()
 
         goes = dr.select(spreads, strong, strong_chosen) > 0
         out = State(**vars(s))
@@ -521,16 +530,17 @@ class Walk:
         out.depth = s.depth + 1
         onward = dr.select(young, dr.select(spreads, mi.UInt32(SCATTERED), mi.UInt32(IMAGE)), mi.UInt32(INDIRECT))
         out.stage = dr.select(taken.null, s.stage, onward)
-        out.pdf = dr.select(spreads & ~taken.null, spread.pdf, 0)
+        out.pdf = dr.select(taken.null, 0, taken.pdf)
         out.share = share
         out.mirrored = s.mirrored | (s.stage == IMAGE)
         out.active = goes
         out.valid = s.valid | (s.active & si.is_valid() & ~(goes & taken.null))
         out.count = s.count + 1
-        if stack is not None:
+        if stack is not None and waiting is not None:
             ray = si.spawn_ray(waiting.direction)
             code = (s.depth + 1) * 2 + dr.select(waiting.null, s.stage, mi.UInt32(IMAGE))
             stack.push(self.entry(ray.o, ray.d, waiting.beta, s.eta * waiting.eta, code), split | apart)
+        if stack is not None:
             entry, popped = stack.pop(~goes)
             out.ray.o, out.ray.d = dr.select(popped, entry.o, out.ray.o), dr.select(popped, entry.d, out.ray.d)
             out.beta = dr.select(popped, entry.beta, out.beta)
@@ -542,9 +552,14 @@ class Walk:
             out.active |= popped
         return out
 
-    def strength(self, s: State, beta: Any, eta: Any = 1.0) -> Any:
+    def strength(self, s: State, branch: Branch) -> Any:
         """How much of the light at the eye comes along a branch, at most: without the compression of radiance."""
-        return dr.detach(dr.max(mi.unpolarized_spectrum(beta)) * dr.square(s.eta * eta))
+        return dr.detach(dr.max(mi.unpolarized_spectrum(branch.beta)) * dr.square(s.eta * branch.eta))
+
+    def tree_strength(self, s: State, branch: Branch, young: Any) -> Any:
+        """The same of a branch of the tree; 0 if it is cut."""
+        strong = self.strength(s, branch)
+        return dr.select(young & (strong < self.threshold), 0, strong) if self.cut else strong
 
     # -- whole paths
 
