@@ -35,6 +35,8 @@ class State:
     """A path under way."""
 
     ray: Any
+    hit: Any
+    """What the ray meets first."""
     beta: Any
     """Throughput [radiance by radiance], with the factor by which refraction compresses radiance."""
     eta: Any
@@ -118,6 +120,7 @@ class Walk:
         self.mirror = context(int(flags.DeltaReflection) | (null if contents.masks else 0))
         self.through = context(int(flags.DeltaTransmission) | null)
         self.entry = entry_class()
+        self.sky = "environment" in contents.columns
         columns = ("area", "environment", "indirect")
         #: Whether diffuse and glossy scattering must be told apart on the way.
         self.apart = len(contents.rows) == 2 and (
@@ -292,7 +295,9 @@ class Walk:
                 out[row] = bsdf.eval(self.every, si, wo, on)
         return out
 
-    def answers(self, bsdf: Any, si: Any, lamps: Any, u: Any, young: Any, fresh: Any, active: Any) -> Any:
+    def answers(
+        self, bsdf: Any, si: Any, lamps: Any, branches: set[str], u: Any, young: Any, fresh: Any, active: Any
+    ) -> Any:
         """All that one surface is asked: see `step`. `lamps` are pairs of direction and mask, with static kinds beside."""
         has = bsdf.flags()
         lit = []
@@ -308,22 +313,21 @@ class Walk:
             if not self.together(columns) and fresh is not False:
                 rows = self.in_rows(bsdf, si, wo, on)
             lit.append((every, rows, pdf))
-        out = [lit]
-        if "spread" in u:
-            branch, share = self.nowhere(), mi.Spectrum(1)
+        out: dict[str, Any] = {}
+        if "spread" in branches:
+            out["spread"] = (self.nowhere(), mi.Spectrum(1))
             if has & self.smooth:
-                branch, share = self.scatter(bsdf, si, *u["spread"], young, fresh, active)
-            out.append((branch, share))
+                out["spread"] = self.scatter(bsdf, si, *u, young, fresh, active)
         for name, kind, types in (
             ("mirrored", self.mirror, int(mi.BSDFFlags.DeltaReflection)),
             ("through", self.through, int(mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null)),
         ):
-            if name in u:
+            if name in branches:
                 mine = has & types
                 if has & self.smooth:  # what a surface with other lobes lets pass, `scatter` has
                     mine &= ~int(mi.BSDFFlags.Null)
-                out.append(self.ideal(bsdf, si, kind, *u[name], active) if mine else self.nowhere())
-        return out
+                out[name] = self.ideal(bsdf, si, kind, *u, active) if mine else self.nowhere()
+        return lit, out
 
     def scatter(
         self, bsdf: Any, si: Any, number: Any, point: Any, young: Any, fresh: Any, at: Any
@@ -391,13 +395,13 @@ class Walk:
     # -- a step
 
     def step(self, s: State, stack: Stack | None, sampler: Any, fresh: Any) -> State:
-        """Go to the next surface, collect light there, and choose where to go on.
+        """Collect light at the surface that was met, choose where to go on, and see what is met there.
 
         `fresh` tells whether it is the first that is not mirror or glass: True or False where all lanes are alike, else
         None.
         """
         contents, switches = self.contents, self.switches
-        si = self.scene.ray_intersect(s.ray, mi.RayFlags.All, coherent=fresh is True, active=s.active)
+        si = s.hit.compute_surface_interaction(s.ray, mi.RayFlags.All, s.active)
         self.emission(s, si, fresh)
         going = s.active & si.is_valid() & (s.count < LONGEST)
         if self.max_depth >= 0:
@@ -424,21 +428,22 @@ class Walk:
             if not contents.smooth:
                 at &= mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             lamps = self.lamps(s, si, sampler, fresh, at)
-        u = {}
+        branches = set()
         if contents.rows and (switches.indirect or (switches.continued and fresh is not False) or contents.null):
-            u["spread"] = (sampler.next_1d(), sampler.next_2d())
+            branches.add("spread")
         follows = (switches.tree and fresh is not False) or (switches.indirect and fresh is not True)
         if contents.reflects and follows:
-            u["mirrored"] = (sampler.next_1d(), sampler.next_2d())
+            branches.add("mirrored")
         if (contents.transmits and follows) or contents.thin:
-            u["through"] = (sampler.next_1d(), sampler.next_2d())
+            branches.add("through")
+        # one set of numbers for all branches: each is right by itself
+        u = (sampler.next_1d(), sampler.next_2d()) if branches else ()
         self.asked = [lamp.columns for lamp in lamps]
 
         def ask(bsdf: Any, si: Any, lamps: Any, u: Any, young: Any, active: Any) -> Any:
-            return self.answers(bsdf, si, lamps, u, young, fresh, active)
+            return self.answers(bsdf, si, lamps, branches, u, young, fresh, active)
 
-        lit, *rest = dr.dispatch(bsdf, ask, si, [(lamp.wo, lamp.lit) for lamp in lamps], u, young, going)
-        answers = dict(zip(u, rest, strict=True))
+        lit, answers = dr.dispatch(bsdf, ask, si, [(lamp.wo, lamp.lit) for lamp in lamps], u, young, going)
 
         beta, share = self.called_indirect(s, fresh)
         at = State(**{**vars(s), "beta": beta, "share": share})
@@ -446,7 +451,7 @@ class Walk:
             self.reflect(at, lamp, answer, fresh)
 
         spread = mirrored = through = None
-        if "spread" in u:
+        if "spread" in branches:
             spread, part_diffuse = answers["spread"]
             if self.attached:
                 part_diffuse = self.attach(spread, part_diffuse, bsdf, si, young, fresh, going)
@@ -458,11 +463,11 @@ class Walk:
                 share = dr.select(young, part_diffuse, share)
             share = dr.select(spread.null, s.share, share)
         allowed = dr.select(young, mi.Bool(switches.tree), mi.Bool(switches.indirect))
-        if "mirrored" in u:
+        if "mirrored" in branches:
             mirrored = answers["mirrored"]
             mirrored.weight = dr.select(allowed, mirrored.weight, 0)
             mirrored.direction = si.to_world(mirrored.direction)
-        if "through" in u:
+        if "through" in branches:
             through = answers["through"]
             through.weight = dr.select(through.null | allowed, through.weight, 0)
             through.direction = si.to_world(through.direction)
@@ -523,6 +528,8 @@ class Walk:
             taken = self.nowhere()
 
         goes = dr.select(spreads, strong, strong_chosen) > 0
+        if self.max_depth >= 0 and not self.contents.others:  # nothing shines on whoever hits it
+            goes &= s.depth + 2 < self.max_depth
         out = State(**vars(s))
         out.ray = si.spawn_ray(taken.direction)
         out.beta = taken.beta
@@ -550,7 +557,17 @@ class Walk:
             out.pdf = dr.select(popped, 0, out.pdf)
             out.mirrored &= ~popped
             out.active |= popped
+        self.trace(out, out.active, stack.state[0] > 0 if stack is not None else False)
         return out
+
+    def trace(self, s: State, at: Any, more: Any = False) -> None:
+        """Find what the rays of the lanes `at` meet. Where that is nothing, and there is no sky, the path is over.
+
+        But it stays where `more` branches wait.
+        """
+        hit = self.scene.ray_intersect_preliminary(dr.detach(s.ray), coherent=False, active=at)
+        s.hit = dr.select(at, hit, s.hit)
+        s.active = (s.active & ~at) | (at & (mi.Bool(self.sky) | hit.is_valid() | more))
 
     def strength(self, s: State, branch: Branch) -> Any:
         """How much of the light at the eye comes along a branch, at most: without the compression of radiance."""
@@ -566,8 +583,12 @@ class Walk:
     def run(self, sampler: Any, ray: Any, active: Any) -> State:
         """All paths of the rays from the eye."""
         names = CELLS if self.layers else ("",)
+        ray, active = mi.Ray3f(ray), mi.Bool(active)
+        if self.hide:
+            ray = self.past_lamps(ray, active)
         s = State(
-            ray=mi.Ray3f(ray),
+            ray=ray,
+            hit=self.scene.ray_intersect_preliminary(dr.detach(ray), coherent=True, active=active),
             beta=mi.Spectrum(1),
             eta=mi.Float(1),
             depth=mi.UInt32(0),
@@ -575,22 +596,20 @@ class Walk:
             pdf=mi.Float(0),
             share=mi.Spectrum(float(not self.restricted or self.switches.continued == ("diffuse",))),
             mirrored=mi.Bool(False),
-            active=mi.Bool(active),
+            active=active,
             valid=mi.Bool(not self.hide and "environment" in self.contents.columns),
             count=mi.UInt32(0),
             light={name: mi.Spectrum(0) for name in names},
         )
         if self.max_depth == 0:
             return s
-        if self.hide:
-            s.ray = self.past_lamps(s.ray, s.active)
         if self.switches.tree or self.contents.null:
             return self.loop(s, sampler, None)
         s = self.step(s, None, sampler, True)
         if self.switches.indirect:
             return self.loop(s, sampler, False)
         if self.switches.continued:
-            self.emission(s, self.scene.ray_intersect(s.ray, mi.RayFlags.All, coherent=False, active=s.active), False)
+            self.emission(s, s.hit.compute_surface_interaction(s.ray, mi.RayFlags.All, s.active), False)
         return s
 
     def loop(self, s: State, sampler: Any, fresh: Any) -> State:

@@ -85,9 +85,9 @@ def area_mirror(size: int = 32) -> dict[str, Any]:
 def glass_mirror(size: int = 32) -> dict[str, Any]:
     return {
         "type": "scene",
-        "sensor": camera(size),
-        "glass": ball({"type": "glass", "eta": 1.5}, x=-1.1),
-        "mirror": ball({"type": "metal", "eta": rgb(0.2, 0.9, 1.4), "k": rgb(3.9, 2.5, 1.9)}, x=1.1),
+        "sensor": camera(size, fov=30),
+        "glass": ball({"type": "glass", "eta": 1.5}, x=-1.05),
+        "mirror": ball({"type": "metal", "eta": rgb(0.2, 0.9, 1.4), "k": rgb(3.9, 2.5, 1.9)}, x=1.05),
         "floor": plane(checker()),
         "light": point(1, -3, 4, 40),
     }
