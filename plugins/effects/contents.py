@@ -25,25 +25,37 @@ class Contents:
     """Area emitters and the environment."""
     columns: frozenset[str]
     """Which of point, area and environment there are."""
-    diffuse: bool
-    glossy: bool
-    reflects: bool
-    """Whether a surface reflects like a mirror."""
-    transmits: bool
-    """Whether a surface refracts."""
-    null: bool
-    """Whether a surface lets a part of the light pass as if it were not there."""
+    flags: int
+    """All lobes of all surfaces, as Mitsuba's flags."""
     thin: bool
-    """Whether one that has no diffuse or glossy lobe does: thin glass, or the border of nothing."""
+    """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, or the border of nothing."""
     masks: bool
     """Whether a `mask` is among the surfaces: it samples wrongly if its `Null` lobe is switched off."""
     smooth: bool
     """Whether every surface has a diffuse or glossy lobe."""
 
     @property
+    def reflects(self) -> bool:
+        """Whether a surface reflects like a mirror."""
+        return self.has(mi.BSDFFlags.DeltaReflection)
+
+    @property
+    def transmits(self) -> bool:
+        """Whether a surface refracts."""
+        return self.has(mi.BSDFFlags.DeltaTransmission)
+
+    @property
+    def null(self) -> bool:
+        """Whether a surface lets a part of the light pass as if it were not there."""
+        return self.has(mi.BSDFFlags.Null)
+
+    def has(self, lobe: Any) -> bool:
+        return bool(self.flags & int(lobe))
+
+    @property
     def rows(self) -> tuple[str, ...]:
         """The rows of the table whose lobes are not ideal."""
-        return ("diffuse",) * self.diffuse + ("glossy",) * self.glossy
+        return ("diffuse",) * self.has(mi.BSDFFlags.Diffuse) + ("glossy",) * self.has(mi.BSDFFlags.Glossy)
 
     def possible(self, max_depth: int) -> frozenset[str]:
         """Cells that may have light in this scene at this depth."""
@@ -95,17 +107,13 @@ def contents(scene: mi.Scene) -> Contents:
         else:
             others.append(emitter)
             columns.add("environment" if kind & int(mi.EmitterFlags.Infinite) else "area")
-    has = lambda flag: bool(found & int(flag))  # noqa: E731
+    lobes = [int(bsdf.flags()) for bsdf in bsdfs.values()]
     return Contents(
         points=tuple(points),
         others=tuple(others),
         columns=frozenset(columns),
-        diffuse=has(flags.Diffuse),
-        glossy=has(flags.Glossy),
-        reflects=has(flags.DeltaReflection),
-        transmits=has(flags.DeltaTransmission),
-        null=has(flags.Null),
-        thin=any(int(b.flags()) & int(flags.Null) and not int(b.flags()) & int(flags.Smooth) for b in bsdfs.values()),
+        flags=found,
+        thin=any(f & int(flags.Null) and not f & int(flags.Smooth) for f in lobes),
         masks=any("Mask[" in str(bsdf) for bsdf in bsdfs.values()),
-        smooth=all(int(bsdf.flags()) & int(flags.Smooth) for bsdf in bsdfs.values()),
+        smooth=all(f & int(flags.Smooth) for f in lobes),
     )

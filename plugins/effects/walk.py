@@ -84,6 +84,19 @@ class Lamp:
     """The kinds that the lamp can be of."""
 
 
+class Together:
+    """The surfaces of all lanes under the interface of one, which has the lobes of all."""
+
+    def __init__(self, lanes: Any, flags: int) -> None:
+        self.lanes, self.all = lanes, flags
+
+    def flags(self) -> int:
+        return self.all
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.lanes, name)
+
+
 class Walk:
     """The steps of `effects` in one scene."""
 
@@ -167,7 +180,7 @@ class Walk:
         if self.hide:
             here &= (s.depth > 0) | si.is_valid()
         value = s.beta * emitter.eval(si, here)
-        if fresh is not True:
+        if fresh is not True and self.others.emitters:
             sampled = here & (s.pdf > 0)
             with dr.suspend_grad():
                 reference = dr.zeros(mi.Interaction3f)
@@ -283,6 +296,15 @@ class Walk:
 
     # -- what a surface does; asked once for each, so that what it computes for one question serves the others
 
+    def of_each(self, bsdf: Any, function: Any, *arguments: Any) -> Any:
+        """Call ``function(bsdf, *arguments)`` for each surface; where derivatives are taken, for all of them as one.
+
+        Forward derivatives through ``dr.dispatch`` raise where the scene has a single BSDF (Dr.Jit 1.5.0).
+        """
+        if self.attached:
+            return function(Together(bsdf, self.contents.flags), *arguments)
+        return dr.dispatch(bsdf, function, *arguments)
+
     def in_rows(self, bsdf: Any, si: Any, wo: Any, on: Any) -> dict[str, Any]:
         """``f cos`` of the diffuse and of the glossy lobes."""
         has, out = bsdf.flags(), {}
@@ -323,10 +345,7 @@ class Walk:
             ("through", self.through, int(mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null)),
         ):
             if name in branches:
-                mine = has & types
-                if has & self.smooth:  # what a surface with other lobes lets pass, `scatter` has
-                    mine &= ~int(mi.BSDFFlags.Null)
-                out[name] = self.ideal(bsdf, si, kind, *u, active) if mine else self.nowhere()
+                out[name] = self.ideal(bsdf, si, kind, *u, active) if has & types else self.nowhere()
         return lit, out
 
     def scatter(
@@ -352,8 +371,11 @@ class Walk:
         bs, weight = bsdf.sample(kind, si, number, point, at)
         right = at & (bs.pdf > 0)
         null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
-        if kind is self.mirror or bsdf.flags() & self.smooth:
+        if kind is self.mirror:
             right &= ~null
+        else:  # what a surface with other lobes lets pass, `scatter` has
+            flags = bsdf.lanes.flags() if isinstance(bsdf, Together) else bsdf.flags()
+            right &= ~(null & mi.has_flag(flags, mi.BSDFFlags.Smooth))
         weight = dr.select(right, weight, 0)
         return Branch(weight, mi.Vector3f(bs.wo), mi.Float(0), dr.detach(bs.eta), null, mi.Spectrum(0))
 
@@ -383,7 +405,7 @@ class Walk:
                 return f, part(self.in_rows(bsdf, si, wo, active))
             return f, mi.Spectrum(1)
 
-        f, share = dr.dispatch(bsdf, again, si, si.to_local(world), young, on)
+        f, share = self.of_each(bsdf, again, si, si.to_local(world), young, on)
         f = f / dr.select(on, spread.pdf, 1) * dr.select(hit, moved(si.p, met.p, met.n), 1)
         spread.weight = dr.select(on, f, spread.weight)
         spread.direction = dr.select(spread.null, si.to_world(spread.direction), world)
@@ -443,7 +465,7 @@ class Walk:
         def ask(bsdf: Any, si: Any, lamps: Any, u: Any, young: Any, active: Any) -> Any:
             return self.answers(bsdf, si, lamps, branches, u, young, fresh, active)
 
-        lit, answers = dr.dispatch(bsdf, ask, si, [(lamp.wo, lamp.lit) for lamp in lamps], u, young, going)
+        lit, answers = self.of_each(bsdf, ask, si, [(lamp.wo, lamp.lit) for lamp in lamps], u, young, going)
 
         beta, share = self.called_indirect(s, fresh)
         at = State(**{**vars(s), "beta": beta, "share": share})
