@@ -13,6 +13,7 @@ from drjit.scalar import Array3f
 from brdf import Model, UsageError, builtin, defaults, llvm
 
 from .adapter import plugin_class
+from .effects import integrator
 
 GROUP = "brdf.models"
 #: What the XML of a BSDF says of itself.
@@ -116,9 +117,10 @@ def try_out(model: Model) -> None:
 
 
 def publish() -> None:
-    """Register every known model with the variant now set."""
+    """Register every known model, and the integrators, with the variant now set."""
     if mi.variant().startswith("llvm"):
         llvm.require()
+    integrator.publish()
     for name, model in _known.items():
         plugin = plugin_class(model)
         mi.register_bsdf(name, lambda props, plugin=plugin: plugin(props))

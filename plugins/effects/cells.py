@@ -1,0 +1,90 @@
+"""Which cells of the table are simulated: what was asked for, against what a scene holds."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+from brdf import UsageError
+
+from .contents import Contents
+from .table import CELLS
+
+#: What a classic ray tracer does: point lights on all that is not a mirror, and mirrors by recursion.
+CLASSIC = frozenset(
+    ("emitter", "diffuse.point", "glossy.point", "mirror.area", "mirror.environment", "mirror.indirect")
+)
+
+
+def asked(text: str) -> frozenset[str]:
+    """The cells that a word or a list names: ``auto``, ``all``, ``classic``, or cells separated by commas or spaces.
+
+    Raises
+    ------
+    UsageError
+        A name that is not a cell.
+    """
+    words = text.replace(",", " ").split()
+    if words in (["auto"], ["all"]):
+        return frozenset(CELLS)
+    if words == ["classic"]:
+        return CLASSIC
+    for word in words:
+        if word not in CELLS:
+            near = difflib.get_close_matches(word, CELLS, 1)
+            guess = f"Did you mean {near[0]}? " if near else ""
+            raise UsageError(
+                f"cells: {word!r} is not a cell. {guess}It is auto, all, classic, or of: {', '.join(CELLS)}."
+            )
+    if not words:
+        raise UsageError(f"cells is empty. It is auto, all, classic, or of: {', '.join(CELLS)}.")
+    return frozenset(words)
+
+
+@dataclass(frozen=True)
+class Switches:
+    """What the kernel simulates. A mirror shows what the other cells called for show; everything, if it is alone."""
+
+    cells: frozenset[str]
+    rows: tuple[str, ...]
+    """Those of diffuse and glossy that the scene has."""
+    eye: bool
+    """Whether a surface that is not a mirror is shaded where it is seen directly."""
+    image: bool
+    """Whether it is where it is seen in a mirror or through glass."""
+
+    @classmethod
+    def of(cls, wanted: frozenset[str], contents: Contents, max_depth: int) -> Switches:
+        possible = contents.possible(max_depth)
+        smooth = {c for c in CELLS if c.startswith(("diffuse", "glossy"))}
+        cells = wanted & possible
+        alone = not wanted & smooth and "mirror.indirect" in cells
+        return cls(
+            cells=cells | (possible & smooth if alone else frozenset()),
+            rows=contents.rows,
+            eye=not alone and bool(cells & smooth),
+            image="mirror.indirect" in cells,
+        )
+
+    def wants(self, column: str) -> tuple[str, ...]:
+        """The rows, diffuse or glossy, in which light of this kind is called for."""
+        return tuple(row for row in self.rows if f"{row}.{column}" in self.cells)
+
+    @property
+    def shades(self) -> bool:
+        return self.eye or self.image
+
+    @property
+    def indirect(self) -> bool:
+        return self.shades and bool(self.wants("indirect"))
+
+    @property
+    def tree(self) -> bool:
+        """Whether mirrors and glass are followed from the eye."""
+        return any(c.startswith("mirror") for c in self.cells)
+
+    @property
+    def continued(self) -> tuple[str, ...]:
+        """Rows from which a path goes on, be it only to see where a sampled direction meets a lamp."""
+        wanted = {row for c in ("area", "environment", "indirect") for row in self.wants(c)}
+        return tuple(row for row in self.rows if row in wanted) if self.shades else ()

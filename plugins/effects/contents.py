@@ -1,0 +1,119 @@
+"""What a scene holds, as far as the integrators must know before their kernel is traced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+
+from brdf import DataError
+
+from .table import CELLS
+
+#: Depths from which on a cell can have light: its shortest path, counted as `max_depth` counts.
+SHORTEST = {"emitter": 1, "mirror.area": 2, "mirror.environment": 2, "mirror.indirect": 3}
+
+
+@dataclass(frozen=True)
+class Contents:
+    """The kinds of emitters and lobes of a scene."""
+
+    points: tuple[Any, ...]
+    """Emitters at a point or from one direction: no ray hits them."""
+    others: tuple[Any, ...]
+    """Area emitters and the environment."""
+    columns: frozenset[str]
+    """Which of point, area and environment there are."""
+    flags: int
+    """All lobes of all surfaces, as Mitsuba's flags."""
+    thin: bool
+    """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, or the border of nothing."""
+    masks: bool
+    """Whether a `mask` is among the surfaces: it samples wrongly if its `Null` lobe is switched off."""
+    smooth: bool
+    """Whether every surface has a diffuse or glossy lobe."""
+
+    @property
+    def reflects(self) -> bool:
+        """Whether a surface reflects like a mirror."""
+        return self.has(mi.BSDFFlags.DeltaReflection)
+
+    @property
+    def transmits(self) -> bool:
+        """Whether a surface refracts."""
+        return self.has(mi.BSDFFlags.DeltaTransmission)
+
+    @property
+    def null(self) -> bool:
+        """Whether a surface lets a part of the light pass as if it were not there."""
+        return self.has(mi.BSDFFlags.Null)
+
+    def has(self, lobe: Any) -> bool:
+        return bool(self.flags & int(lobe))
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """The rows of the table whose lobes are not ideal."""
+        return ("diffuse",) * self.has(mi.BSDFFlags.Diffuse) + ("glossy",) * self.has(mi.BSDFFlags.Glossy)
+
+    def possible(self, max_depth: int) -> frozenset[str]:
+        """Cells that may have light in this scene at this depth."""
+        delta = self.reflects or self.transmits
+        out = set()
+        for cell in CELLS:
+            if cell == "emitter":
+                there = bool(self.others)
+            else:
+                row, column = cell.split(".")
+                there = column == "indirect" and bool(self.columns) or column in self.columns
+                there &= delta and cell != "mirror.point" if row == "mirror" else row in self.rows
+                if cell == "mirror.indirect":
+                    there &= bool(self.rows)
+            shortest = SHORTEST.get(cell, 3 if cell.endswith("indirect") else 2)
+            if there and (max_depth < 0 or max_depth >= shortest):
+                out.add(cell)
+        return frozenset(out)
+
+
+def contents(scene: mi.Scene) -> Contents:
+    """Look through the shapes and emitters of a scene.
+
+    Raises
+    ------
+    DataError
+        There is a participating medium, which these integrators do not simulate.
+    """
+    flags = mi.BSDFFlags
+    bsdfs = {}
+    for shape in scene.shapes():
+        if shape.is_medium_transition():
+            raise DataError(
+                f"the shape {shape.id()!r} bounds a participating medium, which is not simulated here. "
+                "Take the integrator volpath."
+            )
+        bsdf = shape.bsdf()
+        if bsdf is not None:
+            bsdfs[bsdf.ptr] = bsdf
+    found = 0
+    for bsdf in bsdfs.values():
+        found |= int(bsdf.flags())
+    points, others, columns = [], [], set()
+    for emitter in scene.emitters():
+        kind = emitter.flags()
+        if kind & int(mi.EmitterFlags.Delta):
+            points.append(emitter)
+            columns.add("point")
+        else:
+            others.append(emitter)
+            columns.add("environment" if kind & int(mi.EmitterFlags.Infinite) else "area")
+    lobes = [int(bsdf.flags()) for bsdf in bsdfs.values()]
+    return Contents(
+        points=tuple(points),
+        others=tuple(others),
+        columns=frozenset(columns),
+        flags=found,
+        thin=any(f & int(flags.Null) and not f & int(flags.Smooth) for f in lobes),
+        masks=any("Mask[" in str(bsdf) for bsdf in bsdfs.values()),
+        smooth=all(f & int(flags.Smooth) for f in lobes),
+    )

@@ -1,0 +1,133 @@
+"""The integrators `effects` and `raytree` as Mitsuba plugins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from brdf import NoBackend, UsageError
+
+from .cells import Switches, asked
+from .contents import contents
+from .lights import Lights
+from .table import CELLS
+from .walk import SUMMED, Walk
+
+#: Below this part of the light at the eye, one branch of glass is followed, not both.
+THRESHOLD = 0.01
+PRUNE = ("random", "cut")
+
+
+def integrator_class(name: str, cells: str) -> type[Any]:
+    """The class of Mitsuba plugin of this name, for the variant now set; `cells` is the default of that property."""
+
+    class Effects(mi.SamplingIntegrator):
+        """Simulates the cells of the lecture's table that are called for."""
+
+        def __init__(self, props: mi.Properties) -> None:
+            mi.SamplingIntegrator.__init__(self, props)
+            if not dr.is_jit_v(mi.Float) or mi.is_polarized:
+                raise NoBackend(f"{name}: the variant {mi.variant()} will not do. Take llvm_ad_rgb, or one like it.")
+            self.cells = asked(string(name, props, "cells", cells))
+            self.tolerance = number(name, props, "tolerance", 0.0)
+            self.max_depth = int(number(name, props, "max_depth", -1, low=-1))
+            self.rr_depth = int(number(name, props, "rr_depth", 5, low=1))
+            self.threshold = number(name, props, "threshold", THRESHOLD)
+            self.prune = string(name, props, "prune", PRUNE[0])
+            if self.prune not in PRUNE:
+                raise UsageError(f"{name}: prune = {self.prune!r}. It is one of: {', '.join(PRUNE)}.")
+            self.layers = bool(props["layers"]) if "layers" in props else False
+            self.seen: tuple[Any, ...] = ()
+
+        def aov_names(self) -> list[str]:
+            return [f"{cell}.{c}" for cell in CELLS for c in "RGB"] if self.layers else []
+
+        def traverse(self, callback: mi.TraversalCallback) -> None:
+            pass
+
+        def to_string(self) -> str:
+            return (
+                f"{name}[cells = {' '.join(c for c in CELLS if c in self.cells)}, max_depth = {self.max_depth}, "
+                f"rr_depth = {self.rr_depth}, threshold = {self.threshold:g}, prune = {self.prune}]"
+            )
+
+        def prepared(self, scene: mi.Scene) -> tuple[Any, ...]:
+            """What the scene holds, and its lights; looked up once a scene."""
+            if not self.seen or self.seen[0] is not scene:
+                with dr.suspend_grad():
+                    found = contents(scene)
+                    switches = Switches.of(self.cells, found, self.max_depth)
+                    wanted = [
+                        e
+                        for e in found.others
+                        if switches.indirect or switches.wants("environment" if e.is_environment() else "area")
+                    ]
+                    points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
+                    self.seen = (scene, found, switches, (points, Lights(scene, wanted)))
+            return self.seen[1:]
+
+        def sample(
+            self,
+            scene: mi.Scene,
+            sampler: mi.Sampler,
+            ray: mi.RayDifferential3f,
+            medium: mi.Medium | None = None,
+            active: Any = True,
+        ) -> tuple[Any, Any, list[Any]]:
+            found, switches, lights = self.prepared(scene)
+            walk = Walk(
+                scene,
+                found,
+                switches,
+                lights,
+                max_depth=self.max_depth,
+                rr_depth=self.rr_depth,
+                threshold=self.threshold,
+                cut=self.prune == "cut",
+                layers=self.layers,
+                hide=self.hide_emitters,
+                # Mitsuba renders a derivative with symbolic loops switched off
+                attached=not dr.flag(dr.JitFlag.SymbolicLoops),
+            )
+            s = walk.run(sampler, ray, active)
+            aovs: list[Any] = []
+            if self.layers:
+                for cell in CELLS:
+                    aovs += list(rgb(s.light[cell], ray.wavelengths))
+            total = mi.Spectrum(0)
+            for value in s.light.values():
+                total += value
+            return total, s.valid, aovs
+
+    Effects.__name__ = Effects.__qualname__ = name
+    return Effects
+
+
+def rgb(value: Any, wavelengths: Any) -> Any:
+    """A spectrum in the three channels of a film."""
+    if mi.is_spectral:
+        return mi.spectrum_to_srgb(value, wavelengths)
+    return mi.Color3f(value.x) if mi.is_monochromatic else value
+
+
+def string(owner: str, props: mi.Properties, key: str, default: str) -> str:
+    value = props[key] if key in props else default
+    if not isinstance(value, str):
+        raise UsageError(f"{owner}: {key} = {value!r}. It takes a <string>.")
+    return value
+
+
+def number(owner: str, props: mi.Properties, key: str, default: float, low: float = 0) -> float:
+    value = props[key] if key in props else default
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= low:
+        raise UsageError(f"{owner}: {key} = {value!r}. It takes a number from {low:g} on.")
+    return value
+
+
+def publish() -> None:
+    """Register both integrators with the variant now set."""
+    for name, cells in (("effects", "auto"), ("raytree", "classic")):
+        plugin = integrator_class(name, cells)
+        mi.register_integrator(name, lambda props, plugin=plugin: plugin(props))
