@@ -11,7 +11,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from plugins.effects import pilot, table
+from brdf.errors import UsageError
+from plugins.effects import inventory, pilot, table
 from plugins.scene import Scene
 
 #: Integrators that end paths at a depth of their own.
@@ -20,6 +21,8 @@ FIXED_DEPTH = {"DirectIntegrator": 2}
 PICTURE_SIZE, PICTURE_SPP = 160, 64
 #: Longer side of the pictures that are timed [pixels]. With those of the pilot most of the time goes into Python.
 TIMED_SIZE = 128
+#: Samples of a picture from which a pilot costs little beside it: it takes up to a second, most of it to compile.
+PILOT_PAYS = 2**23
 Layers = Mapping[str, npt.NDArray[Any]]
 
 
@@ -117,13 +120,79 @@ def calls(plan: dict[str, Any]) -> int:
     return pilot.RUNS + (pilot.REPEATS + 1) * (called + 1 if called > 1 else 1)
 
 
+def effects(loaded: Scene, max_depth: int) -> dict[str, Any]:
+    """The integrator `effects` for `mi.load_dict`, that ends paths and hides lamps as the scene's own does."""
+    settings = {"type": "effects", "max_depth": max_depth}
+    if getattr(loaded.scene.integrator(), "hide_emitters", False):
+        settings["hide_emitters"] = True
+    return settings
+
+
+def choose(
+    loaded: Scene, sensor: mi.Sensor, asked: str, tolerance: float, samples: int, seed: int
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The cells that are to be rendered, and what leaving out the others costs.
+
+    Cells that the scene does not call for are zero and switched off. Of the others, ``auto`` leaves out what a pilot
+    finds to be worth less than the tolerance together, where the picture is so large that a pilot pays.
+
+    Parameters
+    ----------
+    asked : str
+        As `table.parse` takes it.
+    tolerance : float
+        Of `pilot.droppable`; 0: none.
+    samples : int
+        Pixels times samples of the picture.
+
+    Returns
+    -------
+    dict, dict
+        The integrator for `mi.load_dict`; and for the report: the cells ``rendered``, ``left_out`` by what was asked
+        for, ``dropped`` by the pilot, and the predicted ``error`` of both with its standard error ``error_se``, None if
+        nothing that is called for is missing.
+
+    Raises
+    ------
+    UsageError
+        Nothing that is asked for is called for.
+    """
+    plan = static(loaded)
+    settings = effects(loaded, plan["max_depth"])
+    called = frozenset(name for name, cell in plan["cells"].items() if cell["called_for"])
+    kept = table.parse(asked) & called
+    if not kept:
+        raise UsageError(f"the scene calls for none of these cells. It calls for: {', '.join(in_order(called))}.")
+    missing, dropped, error = called - kept, frozenset[str](), None
+    optional = asked == "auto" and tolerance > 0 and samples >= PILOT_PAYS
+    if missing or optional:
+        layers, _ = with_effects(loaded, sensor, plan)
+        found = pilot.run(layers, loaded.scene, seed=seed)
+        if optional:
+            dropped = pilot.droppable(found, tolerance, inventory.take(loaded.scene).caustics).cells & kept
+        if missing | dropped:
+            error = pilot.drop_error(found, missing | dropped)
+    settings["cells"] = ",".join(in_order(kept - dropped))
+    about = {
+        "rendered": in_order(kept - dropped),
+        "left_out": in_order(missing),
+        "dropped": in_order(dropped),
+        "error": None if error is None else error.value,
+        "error_se": None if error is None else error.se,
+    }
+    return settings, about
+
+
+def in_order(cells: frozenset[str]) -> list[str]:
+    """Cells as a list, in the order of the table."""
+    return [name for name in table.CELLS if name in cells]
+
+
 def with_effects(
     loaded: Scene, sensor: mi.Sensor, plan: dict[str, Any]
 ) -> tuple[Callable[[mi.Scene, int, int, int], Layers], Callable[[frozenset[str]], float]]:
     """`layers` and `seconds` for `measured`, by the integrator `effects`."""
-    settings = {"type": "effects", "max_depth": plan["max_depth"]}
-    if getattr(loaded.scene.integrator(), "hide_emitters", False):
-        settings["hide_emitters"] = True
+    settings = effects(loaded, plan["max_depth"])
     some: dict[frozenset[str], Any] = {}
 
     def seconds(cells: frozenset[str]) -> float:

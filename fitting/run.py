@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import gc
 import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +16,7 @@ from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
 from . import finish, samples, starts, uncertainty
+from .interrupt import collector_paused, interruptible
 from .method import kind_of, why_rendered
 from .parameters import Parameters, asked, resolve
 from .picture import Picture
@@ -275,48 +271,6 @@ def fit(
             "variant": mi.variant(),
         }
         return finish.solution(run, settings, interrupted)
-
-
-@contextmanager
-def collector_paused() -> Iterator[None]:
-    """Keeps the cyclic garbage collector from freeing a scene while Dr.Jit traces a BSDF written in Python.
-
-    That would end in a segmentation fault (Mitsuba 3.9.1). What is free by then, as the samples of an earlier fit, goes
-    back to the system: Dr.Jit keeps it, and one fit does not find use for all that another has left.
-    """
-    was = gc.isenabled()
-    gc.collect()
-    dr.flush_malloc_cache()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
-
-
-@contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Notes a Ctrl-C instead of raising in the middle of a kernel's recording, which would spoil Dr.Jit's state.
-
-    Gives a function that tells whether it was pressed. A second one is raised at once. Outside the main thread signals
-    are left alone.
-    """
-    seen = [False]
-
-    def note(number: int, frame: object) -> None:
-        if seen[0]:
-            raise KeyboardInterrupt
-        seen[0] = True
-
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: seen[0]
-        return
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield lambda: seen[0]
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def search(run: Run) -> None:

@@ -66,7 +66,7 @@ class Contents:
                 there = bool(self.others)
             else:
                 row, column = cell.split(".")
-                there = column == "indirect" and bool(self.columns) or column in self.columns
+                there = (column == "indirect" and bool(self.columns)) or column in self.columns
                 there &= delta and cell != "mirror.point" if row == "mirror" else row in self.rows
                 if cell == "mirror.indirect":
                     there &= bool(self.rows)

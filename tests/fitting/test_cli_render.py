@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brdf.errors import DataError, UsageError
-from fitting.cli import render
+from fitting import rendering
 from fitting.cli.app import main
 
 SCENE = """<scene version="3.0.0">
@@ -94,12 +94,12 @@ def test_passes_add_up_to_all_samples(spp: int, monkeypatch: pytest.MonkeyPatch)
     counted: list[int] = []
     original = mi.render
     monkeypatch.setattr(mi, "render", lambda *a, **k: (counted.append(k["spp"]), original(*a, **k))[1])
-    monkeypatch.setattr(render, "SAMPLES_PER_PASS", 20 * 12)
-    np.testing.assert_allclose(render.render(scene, sensor, 3 * spp, 0)[..., 1], 0.5, rtol=1e-6)
+    monkeypatch.setattr(rendering, "SAMPLES_PER_PASS", 20 * 12)
+    np.testing.assert_allclose(rendering.render(scene, sensor, 3 * spp).picture[..., 1], 0.5, rtol=1e-6)
     assert counted == [1] * (3 * spp)
     counted.clear()
-    monkeypatch.setattr(render, "SAMPLES_PER_PASS", 4 * 20 * 12)
-    render.render(scene, sensor, 3 * spp, 0)
+    monkeypatch.setattr(rendering, "SAMPLES_PER_PASS", 4 * 20 * 12)
+    rendering.render(scene, sensor, 3 * spp)
     assert sum(counted) == 3 * spp
     assert max(counted) <= 4
 
@@ -122,8 +122,8 @@ def test_passes_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
         return result
 
     monkeypatch.setattr(mi, "render", render_and_keep)
-    monkeypatch.setattr(render, "SAMPLES_PER_PASS", 20 * 12)
-    got = render.render(scene, sensor, 4, 0)
+    monkeypatch.setattr(rendering, "SAMPLES_PER_PASS", 20 * 12)
+    got = rendering.render(scene, sensor, 4).picture
     assert len(sums) == 4
     total = np.sum(sums, axis=0)
     np.testing.assert_allclose(got, total[..., :3] / total[..., 3:], rtol=1e-5)
