@@ -161,9 +161,8 @@ def drop_error(pilot: Pilot, cells: Collection[str]) -> Estimate:
         return float(max(np.mean(products), least**2))
 
     value, se = jackknife(square, pilot.runs)
-    # The error of a root is by its slope, but not next to 0, where that is infinite.
     root = math.sqrt(value)
-    return Estimate(root, se / (2 * root) if value > se else math.sqrt(value + se) - root)
+    return Estimate(root, se / (2 * root) if root > 0 else 0.0)
 
 
 def visible(whole: Floats, gone: Floats, white: float) -> Floats:
