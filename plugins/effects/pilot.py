@@ -147,25 +147,22 @@ def drop_error(pilot: Pilot, cells: Collection[str]) -> Estimate:
     if not gone.any():
         return Estimate(0.0, 0.0)
     whole = pilot.total()
-    pairs = list(itertools.combinations(range(pilot.runs), 2))
 
     def square(kept: Mask) -> float:
-        mean = whole[kept].mean(axis=0)
-        seen = gone * visible(mean, gone[kept].mean(axis=0), pilot.white)
+        runs = [k for k in range(pilot.runs) if kept[k]]
+        seen = gone * visible(whole[runs].mean(axis=0), gone[runs].mean(axis=0), pilot.white)
+
+        def size(*used: int) -> Floats:
+            return scale(whole[[k for k in runs if k not in used]].mean(axis=0), pilot.white)
+
+        products = [np.mean(seen[i] * seen[j] / size(i, j) ** 2) for i, j in itertools.combinations(runs, 2)]
         # What is met once in a while is in no two runs at the same pixel: a root mean square is no less than the mean.
-        least = np.mean(seen[kept].mean(axis=0) / scale(mean, pilot.white)) ** 2
-        found = []
-        for i, j in pairs:
-            if kept[i] and kept[j]:
-                others = [k for k in range(pilot.runs) if kept[k] and k not in (i, j)]
-                found.append(np.mean(seen[i] * seen[j] / scale(whole[others].mean(axis=0), pilot.white) ** 2))
-        return float(max(np.mean(found), least))
+        least = np.mean([np.mean(seen[i] / size(i)) for i in runs])
+        return float(max(np.mean(products), least**2))
 
     value, se = jackknife(square, pilot.runs)
-    # The error of a root is by its slope, but not next to 0, where that is infinite.
-    value = max(value, 0.0)
     root = math.sqrt(value)
-    return Estimate(root, se / (2 * root) if value > se else math.sqrt(value + se) - root)
+    return Estimate(root, se / (2 * root) if root > 0 else 0.0)
 
 
 def visible(whole: Floats, gone: Floats, white: float) -> Floats:
