@@ -150,7 +150,7 @@ def choose(
     dict, dict
         The integrator for `mi.load_dict`; and for the report: the cells ``rendered``, ``left_out`` by what was asked
         for, ``dropped`` by the pilot, and the predicted ``error`` of both with its standard error ``error_se``, None if
-        nothing that is called for is missing.
+        nothing that is called for is missing; ``white`` is the radiance that counts as white in it.
 
     Raises
     ------
@@ -163,11 +163,12 @@ def choose(
     kept = table.parse(asked) & called
     if not kept:
         raise UsageError(f"the scene calls for none of these cells. It calls for: {', '.join(in_order(called))}.")
-    missing, dropped, error = called - kept, frozenset[str](), None
+    missing, dropped, error, white = called - kept, frozenset[str](), None, None
     optional = asked == "auto" and tolerance > 0 and samples >= PILOT_PAYS
     if missing or optional:
         layers, _ = with_effects(loaded, sensor, plan)
         found = pilot.run(layers, loaded.scene, seed=seed)
+        white = found.white
         if optional:
             dropped = pilot.droppable(found, tolerance, inventory.take(loaded.scene).caustics).cells & kept
         if missing | dropped:
@@ -179,6 +180,7 @@ def choose(
         "dropped": in_order(dropped),
         "error": None if error is None else error.value,
         "error_se": None if error is None else error.se,
+        "white": white,
     }
     return settings, about
 

@@ -11,8 +11,6 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from plugins.effects import pilot
-
 #: Samples taken at once: few enough that they fit in memory and that nobody waits long for progress, many enough to
 #: keep all cores busy.
 SAMPLES_PER_PASS = 2**21
@@ -20,6 +18,8 @@ SAMPLES_PER_PASS = 2**21
 ENOUGH_PASSES = 8
 #: Samples a pixel of each of these.
 FIRST_SPP = 4
+#: See `Scatter.noise`.
+DARK = 0.05
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Rendering:
     spp : int
         Samples a pixel that it has.
     noise : float or None
-        `noise_of` the picture; None where there were too few passes to tell.
+        `Scatter.noise` of the picture; None where there were too few passes to tell.
     reached : bool
         It has the samples, or the noise, that were asked for.
     """
@@ -66,7 +66,7 @@ def render(
     spp : int
         Samples a pixel; with `noise` the most there may be.
     noise : float, optional
-        End when `noise_of` the picture is no more than this.
+        End when the noise of the picture is no more than this.
     progress : function
         Called after each pass with the samples a pixel done, and those there will be as far as is known.
     pressed : function
@@ -124,15 +124,14 @@ class Scatter:
     def noise(self) -> float | None:
         """The noise of the mean of all passes: root mean square of the standard errors, each relative to its pixel.
 
-        As errors in `plugins.effects.pilot`: to no less than a fraction of white; what is brighter than white is shown
-        white, and not counted. None with fewer than `ENOUGH_PASSES`.
+        ``sqrt(mean of variance / (pixel^2 + DARK mean^2))``, with the mean of the picture: what is much darker than
+        that looks black. None with fewer than `ENOUGH_PASSES`.
         """
         if self.passes < ENOUGH_PASSES:
             return None
         mean = self.sum / self.weight
         # A pass of n samples has the variance v / n: the weighted sum of squares is (passes - 1) v on average.
         variance = np.maximum(self.squares - self.weight * mean * mean, 0) / (self.passes - 1) / self.weight
-        white = pilot.white_of({"": mean})
-        relative = variance.mean(axis=-1) / pilot.scale(mean, white)[..., 0] ** 2
-        dark = mean.max(axis=-1) <= white
-        return float(np.sqrt(relative[dark].mean())) if dark.any() else 0.0
+        bright, variance = mean.mean(axis=-1), variance.mean(axis=-1)
+        below = bright**2 + DARK * bright.mean() ** 2
+        return float(np.sqrt(np.mean(variance / below))) if bright.any() else 0.0
