@@ -17,7 +17,7 @@ from plugins import scene as scenes
 
 from . import finish, samples, starts, uncertainty
 from .interrupt import collector_paused, interruptible
-from .method import kind_of, why_rendered
+from .method import kind_of, rendering, why_rendered
 from .parameters import Parameters, asked, resolve
 from .picture import Picture
 from .picture.exact import ExactPicture
@@ -183,7 +183,8 @@ def fit(
         Of each run of the solver.
     method : {"auto", "exact", "rendered"}
         How pictures are predicted: from cached hit points, exact for direct light from points and directions; or
-        through the scene's integrator. "auto" takes the first where it applies.
+        through `effects`, or the scene's own integrator if that is another than Mitsuba's usual ones. "auto" takes the
+        first where it applies.
     precision : float
         A parameter on a logarithmic scale, as m or eta - 1, is called not determined, and the fit not converged, where
         half of its 95 % interval is more than this, in its logarithm.
@@ -223,15 +224,16 @@ def fit(
     wanted = dict(parameters) if isinstance(parameters, Mapping) else dict(asked(text) for text in parameters)
     free = resolve(loaded, wanted)
     views = prepare(loaded, targets, masks or {}, free)
-    integrator = loaded.scene.integrator()
     why = why_rendered(loaded.scene, [v.sensor for v in views])
     if method == "exact" and why:
         raise UsageError(f"method exact: {why}. Use method auto or rendered.")
+    chosen: Method = "rendered" if method == "rendered" or why else "exact"
+    integrator = rendering(loaded.scene) if chosen == "rendered" else loaded.scene.integrator()
     run = Run(
         parameters=Parameters(free),
         views=views,
         integrator=integrator,
-        method="rendered" if method == "rendered" or why else "exact",
+        method=chosen,
         solver=solvers[solver],
         max_iterations=max_iterations or (RENDERED_ITERATIONS if why and solver == "lm" else ITERATIONS[solver]),
         precision=precision,
@@ -267,6 +269,7 @@ def fit(
             "asked_method": method,
             "method": run.method,
             "why": why,
+            "integrator": kind_of(integrator),
             "defaults": {name: str(value) for name, value in (defaults or {}).items()},
             "variant": mi.variant(),
         }

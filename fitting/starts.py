@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 
 #: Points along a logarithmic parameter, and along any other.
 LOG_POINTS, OTHER_POINTS = 12, 5
+#: Of the only axis: what is seen through glass has valleys as narrow as a tenth of eta - 1.
+ALONE = 32
 #: Beyond this many points the grid becomes a Sobol sequence of this length.
 MOST_POINTS = 800
 #: A logarithmic grid spans this factor below and above the default; ``eta - 1`` this range.
@@ -187,7 +189,7 @@ def by_channel(problem: Problem, square: Array) -> Array:
 
 def grid(params: list[Param], most: int) -> list[Array]:
     """Points to try, in physical values."""
-    axes = [axis(q) for q in params]
+    axes = [axis(q, len(params) == 1) for q in params]
     if math.prod(len(a) for a in axes) <= most:
         return [np.array(point) for point in itertools.product(*axes)]
     unit = qmc.Sobol(len(params), scramble=False).random(most)
@@ -202,19 +204,20 @@ def grid(params: list[Param], most: int) -> list[Array]:
     ]
 
 
-def axis(p: Param) -> Array:
-    """Values of one number to try, evenly spaced in the coordinate of its scale."""
+def axis(p: Param, alone: bool = False) -> Array:
+    """Values of one number to try, evenly spaced in the coordinate of its scale; more if no other is sought."""
     low, high = p.interior()
+    log_points, points = (ALONE, ALONE) if alone else (LOG_POINTS, OTHER_POINTS)
     usual = float(np.mean(p.default))
     if not math.isfinite(high):
         high = max(abs(usual), 1.0) * LOG_SPAN
     if p.scale == "log":
         middle = usual if usual > low else math.sqrt(low * high)
-        return np.geomspace(max(low, middle / LOG_SPAN), min(high, middle * LOG_SPAN), LOG_POINTS)
+        return np.geomspace(max(low, middle / LOG_SPAN), min(high, middle * LOG_SPAN), log_points)
     if p.scale == "log_minus_one":
-        return 1 + np.geomspace(max(low - 1, ABOVE_ONE[0]), min(high - 1, ABOVE_ONE[1]), OTHER_POINTS)
-    inset = (high - low) / (2 * OTHER_POINTS)
-    return np.linspace(low + inset, high - inset, OTHER_POINTS)
+        return 1 + np.geomspace(max(low - 1, ABOVE_ONE[0]), min(high - 1, ABOVE_ONE[1]), points)
+    inset = (high - low) / (2 * points)
+    return np.linspace(low + inset, high - inset, points)
 
 
 def default(p: Param, component: str) -> float:
