@@ -8,7 +8,7 @@ Gauss-Newton matrix are the symmetric cross terms.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -141,21 +141,19 @@ class Problem:
 
         `columns_of` picks components; the Jacobians then have these columns alone.
         """
-        variables = self.parameters.place(x, differentiate=True)
-        chosen = list(range(len(variables)) if columns_of is None else columns_of)
+        chosen = list(range(len(x)) if columns_of is None else columns_of)
+        columns: dict[int, list[mi.Color3f]] = {i: [] for i in chosen if i not in self.differences}
         slope = self.parameters.slope(x)
-        parts = self.predict()
-        columns = {}
-        for i in chosen:
-            if i in self.differences:
-                continue
-            dr.clear_grad(variables)
-            dr.clear_grad(parts)
-            dr.set_grad(variables[i], 1)
-            dr.enqueue(dr.ADMode.Forward, variables)
-            dr.traverse(dr.ADMode.Forward, dr.ADFlag.ClearInterior | dr.ADFlag.ClearInput)
-            columns[i] = dr.grad(parts)
-        parts = dr.detach(parts)
+        parts = []
+        for variables, part in self.attached(x):
+            for i, column in columns.items():
+                dr.clear_grad(variables)
+                dr.clear_grad(part)
+                dr.set_grad(variables[i], 1)
+                dr.enqueue(dr.ADMode.Forward, variables)
+                dr.traverse(dr.ADMode.Forward, dr.ADFlag.ClearInterior | dr.ADFlag.ClearInput)
+                column.append(dr.grad(part))
+            parts.append(dr.detach(part))
         dr.eval(parts, list(columns.values()))
         self.evaluations += 1
         ra, rb = self.fold(parts)
@@ -163,6 +161,23 @@ class Problem:
         folded |= {i: self.difference(x, i) for i in chosen if i in self.differences}
         ja, jb = (np.stack([folded[i][half] for i in chosen], axis=1) for half in (0, 1))
         return Linear((ra - self.target, rb - self.target), (ja, jb))
+
+    def attached(self, x: Array) -> Iterator[tuple[list[mi.Float], mi.Color3f]]:
+        """What the pictures predict, part by part, each with the variables that it depends on.
+
+        They are its own: where there is one parameter, `mi.render` passes its tangent on to the first of several
+        pictures alone (Mitsuba 3.9.1).
+        """
+        self.counts = [0] * len(self.pictures)
+        for number, picture in enumerate(self.pictures):
+            predictions = picture.predict()
+            while True:
+                variables = self.parameters.place(x, differentiate=True)
+                part = next(predictions, None)
+                if part is None:
+                    break
+                self.counts[number] += 1
+                yield variables, part
 
     def difference(self, x: Array, i: int) -> list[Array]:
         """Derivative of both halves' predictions in component `i` of `x`, by central differences."""
@@ -191,7 +206,7 @@ class Problem:
 
     def predict(self, reverse: bool = False) -> list[mi.Color3f]:
         """What the pictures predict, one after another: see `Picture.predict`."""
-        predictions = [picture.predict(reverse) for picture in self.pictures]
+        predictions = [list(picture.predict(reverse)) for picture in self.pictures]
         self.counts = [len(p) for p in predictions]
         return [part for p in predictions for part in p]
 

@@ -6,7 +6,7 @@ derivative, a least-squares fit converges to the wrong point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,8 +29,10 @@ class Picture(Protocol):
     pixels: npt.NDArray[np.int64]
     samples: int
 
-    def predict(self, reverse: bool = False) -> list[Any]:
+    def predict(self, reverse: bool = False) -> Iterator[Any]:
         """``mi.Color3f`` arrays that `fold` makes pixels of; `reverse` says which way they will be differentiated.
+
+        Each is made of the values that the scene has when it is asked for.
 
         The sums are left to `fold` because each would end a kernel: a prediction and all its derivatives are to be
         computed in one.

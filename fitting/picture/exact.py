@@ -12,7 +12,7 @@ run, and leaves the errors of neighbouring pixels independent, which the error b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -88,8 +88,8 @@ class ExactPicture:
         self.pixels = np.concatenate([where for _, where, _ in parts])
         self.counts = [len(where) for _, where, _ in parts]
 
-    def predict(self, reverse: bool = False) -> list[mi.Color3f]:
-        return [cache.radiance(reverse) for cache in self.caches]
+    def predict(self, reverse: bool = False) -> Iterator[mi.Color3f]:
+        return (cache.radiance(reverse) for cache in self.caches)
 
     def fold(self, parts: Sequence[mi.Color3f]) -> tuple[Array, Array]:
         sums = [[dr.block_sum(c, cache.addends) for c in part] for cache, part in zip(self.caches, parts, strict=True)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -49,8 +49,8 @@ class RenderedPicture:
         rng = np.random.default_rng([seed, samples])
         self.seeds = [dr.opaque(mi.UInt32, int(s)) for s in rng.integers(0, 2**31, 4)]
 
-    def predict(self, reverse: bool = False) -> list[mi.Color3f]:
-        return [self.render(half) for half in range(self.halves)]
+    def predict(self, reverse: bool = False) -> Iterator[mi.Color3f]:
+        return (self.render(half) for half in range(self.halves))
 
     def render(self, half: int) -> mi.Color3f:
         image = mi.render(

@@ -286,8 +286,8 @@ class Table:
         self.si.wi = mi.Vector3f(wi.T.astype(np.float32))
         dr.eval(self.si, self.wo)
 
-    def predict(self, reverse: bool = False) -> list[mi.Color3f]:
-        return [mi.Color3f(self.bsdf.eval(mi.BSDFContext(), self.si, self.wo, True)) / self.wo.z]
+    def predict(self, reverse: bool = False) -> Iterator[mi.Color3f]:
+        yield mi.Color3f(self.bsdf.eval(mi.BSDFContext(), self.si, self.wo, True)) / self.wo.z
 
     def fold(self, parts: Sequence[mi.Color3f]) -> tuple[Array, Array]:
         values = np.array(parts[0], dtype=np.float64)
