@@ -28,7 +28,7 @@ class Contents:
     flags: int
     """All lobes of all surfaces, as Mitsuba's flags."""
     thin: bool
-    """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, or the border of nothing."""
+    """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, a border."""
     masks: bool
     """Whether a `mask` is among the surfaces: it samples wrongly if its `Null` lobe is switched off."""
     smooth: bool
@@ -66,7 +66,7 @@ class Contents:
                 there = bool(self.others)
             else:
                 row, column = cell.split(".")
-                there = column == "indirect" and bool(self.columns) or column in self.columns
+                there = bool(self.columns) if column == "indirect" else column in self.columns
                 there &= delta and cell != "mirror.point" if row == "mirror" else row in self.rows
                 if cell == "mirror.indirect":
                     there &= bool(self.rows)

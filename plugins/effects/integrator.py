@@ -11,9 +11,10 @@ from brdf import NoBackend, UsageError
 
 from .cells import Switches, asked
 from .contents import contents
-from .lights import Lights
+from .lights import SUMMED, Lights
+from .state import Settings, column_of
 from .table import CELLS
-from .walk import SUMMED, Walk
+from .walk import run
 
 #: Below this part of the light at the eye, one branch of glass is followed, not both.
 THRESHOLD = 0.01
@@ -59,11 +60,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 with dr.suspend_grad():
                     found = contents(scene)
                     switches = Switches.of(self.cells, found, self.max_depth)
-                    wanted = [
-                        e
-                        for e in found.others
-                        if switches.indirect or switches.wants("environment" if e.is_environment() else "area")
-                    ]
+                    wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
                     self.seen = (scene, found, switches, (points, Lights(scene, wanted)))
             return self.seen[1:]
@@ -77,7 +74,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             active: Any = True,
         ) -> tuple[Any, Any, list[Any]]:
             found, switches, lights = self.prepared(scene)
-            walk = Walk(
+            settings = Settings(
                 scene,
                 found,
                 switches,
@@ -91,7 +88,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 # Mitsuba renders a derivative with symbolic loops switched off
                 attached=not dr.flag(dr.JitFlag.SymbolicLoops),
             )
-            s = walk.run(sampler, ray, active)
+            s = run(settings, sampler, ray, active)
             aovs: list[Any] = []
             if self.layers:
                 for cell in CELLS:
@@ -113,6 +110,7 @@ def rgb(value: Any, wavelengths: Any) -> Any:
 
 
 def string(owner: str, props: mi.Properties, key: str, default: str) -> str:
+    """A property that is a word."""
     value = props[key] if key in props else default
     if not isinstance(value, str):
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a <string>.")
@@ -120,6 +118,7 @@ def string(owner: str, props: mi.Properties, key: str, default: str) -> str:
 
 
 def number(owner: str, props: mi.Properties, key: str, default: float, low: float = 0) -> float:
+    """A property that is a number, not below `low`."""
     value = props[key] if key in props else default
     if isinstance(value, bool) or not isinstance(value, int | float) or not value >= low:
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a number from {low:g} on.")

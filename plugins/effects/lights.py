@@ -9,6 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+#: Point lights up to here are all summed, at every surface; of more, one is chosen at random.
+SUMMED = 64
 #: The share of choices that is even: no lamp that shines on little, but from near, is forgotten.
 EVEN = 0.5
 #: Rays of an emitter from which its power is taken, once a scene.
@@ -74,3 +76,18 @@ def power(emitter: mi.Emitter) -> float:
     except (RuntimeError, NotImplementedError):
         return 1.0
     return value if np.isfinite(value) and value > 0 else 0.0
+
+
+def mis(mine: Any, other: Any) -> Any:
+    """The power heuristic: the weight of a sample of density `mine` that another technique also takes."""
+    weight = dr.square(mine) / (dr.square(mine) + dr.square(other))
+    return dr.select(mine > 0, dr.select(dr.isfinite(weight), weight, 1), 0)
+
+
+def moved(p: Any, fixed: Any, n: Any) -> Any:
+    """The solid angle of a fixed piece of surface, seen from `p`, over what it is now: 1, with its derivative."""
+    to = fixed - p
+    distance2 = dr.squared_norm(to)
+    solid = dr.abs(dr.dot(to, n)) / (distance2 * dr.sqrt(distance2))
+    now = dr.detach(solid)
+    return dr.select(now > 0, solid / dr.select(now > 0, now, 1), 1)

@@ -170,7 +170,11 @@ def bumpy(size: int = 32) -> dict[str, Any]:
     bumps = {"type": "bitmap", "bitmap": mi.Bitmap(height[..., None]), "raw": True}
     out = many_points(size, 2)
     two_sides = {"type": "twosided", "bsdf": {"type": "bumpmap", "map": bumps, "scale": 0.3, "bsdf": rough_plastic()}}
-    out["ball"] = {"type": "cube", "to_world": mi.ScalarTransform4f().rotate([0, 0, 1], 30).scale(0.7), "bsdf": two_sides}
+    out["ball"] = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().rotate([0, 0, 1], 30).scale(0.7),
+        "bsdf": two_sides,
+    }
     tilted = {"type": "normalmap", "normalmap": {"type": "rgb", "value": [0.6, 0.5, 0.95]}, "bsdf": checker()}
     out["floor"] = plane(tilted)
     out["lamp"] = lamp(1, -2, 4, 0.8, 6)

@@ -95,7 +95,9 @@ def test_random_branch_is_unbiased() -> None:
     runs = {}
     for threshold in (0.0, 0.5):
         integrator = mi.load_dict({"type": "raytree", "max_depth": DEPTH, "threshold": threshold})
-        runs[threshold] = np.array([np.mean(mi.render(scene, integrator=integrator, spp=16, seed=i)) for i in range(12)])
+        runs[threshold] = np.array(
+            [np.mean(mi.render(scene, integrator=integrator, spp=16, seed=i)) for i in range(12)]
+        )
     a, b = runs.values()
     assert b.std() > 0
     assert abs(a.mean() - b.mean()) < 4 * np.sqrt((a.var(ddof=1) + b.var(ddof=1)) / 12)
