@@ -41,7 +41,7 @@ def answers(
     lamps: Any,
     asked: Any,
     branches: set[str],
-    u: Any,
+    u: tuple[Any, ...],
     young: Any,
     fresh: Any,
     active: Any,
@@ -49,6 +49,7 @@ def answers(
     """All that one surface is asked: see `step`. `lamps` are pairs of direction and mask, with static kinds beside."""
     has = bsdf.flags()
     lit = []
+    number, point = u or (0, 0)
     for columns, (wo, on) in zip(asked, lamps, strict=True):
         every, rows, pdf = mi.Spectrum(0), {}, mi.Float(0)
         if has & w.smooth:
@@ -65,13 +66,13 @@ def answers(
     if "spread" in branches:
         out["spread"] = (nowhere(), mi.Spectrum(1))
         if has & w.smooth:
-            out["spread"] = scatter(w, bsdf, si, *u, young, fresh, active)
+            out["spread"] = scatter(w, bsdf, si, number, point, young, fresh, active)
     for name, kind, types in (
         ("mirrored", w.mirror, int(mi.BSDFFlags.DeltaReflection)),
         ("through", w.through, int(mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null)),
     ):
         if name in branches:
-            out[name] = ideal(w, bsdf, si, kind, *u, active) if has & types else nowhere()
+            out[name] = ideal(w, bsdf, si, kind, number, point, active) if has & types else nowhere()
     return lit, out
 
 

@@ -14,16 +14,14 @@ SKY = str(Path(plugins.scenes.__file__).parent / "sky.exr")
 
 
 def rgb(*value: float) -> dict[str, Any]:
-    return {"type": "rgb", "value": list(value) if len(value) > 1 else [value[0]] * 3}
+    return {"type": "rgb", "value": list(value) * (1 if len(value) > 1 else 3)}
 
 
-def camera(
-    size: int, fov: float = 40, at: tuple[float, ...] = (0, 0, 0), eye: tuple[float, ...] = (0, -4, 2.5)
-) -> dict[str, Any]:
+def camera(size: int, fov: float = 40) -> dict[str, Any]:
     return {
         "type": "perspective",
         "fov": fov,
-        "to_world": mi.ScalarTransform4f().look_at(list(eye), list(at), [0, 0, 1]),
+        "to_world": mi.ScalarTransform4f().look_at([0, -4, 2.5], [0, 0, 0], [0, 0, 1]),
         "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
         "sampler": {"type": "independent"},
     }

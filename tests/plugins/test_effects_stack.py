@@ -41,7 +41,7 @@ def recursion(node: int, level: int) -> tuple[int, int]:
     return total & WORD, count
 
 
-def loop(registers: bool, mode: str, stack_class: type = Stack) -> tuple[Any, Any]:
+def loop(registers: bool, mode: Any, stack_class: type = Stack) -> tuple[Any, Any]:
     class Entry:
         DRJIT_STRUCT: ClassVar = {"node": mi.UInt32, "level": mi.UInt32}
 
@@ -85,14 +85,16 @@ class Masked(Stack):
 
     def push(self, entry: Any, active: Any) -> None:
         height, entries = self.state
-        entries.write(entry, height, active=active)
+        local: Any = entries
+        local.write(entry, height, active=active)
         self.state = (dr.select(active, height + 1, height), entries)
 
     def pop(self, active: Any) -> Any:
         height, entries = self.state
         taken = active & (height > 0)
         height = dr.select(taken, height - 1, height)
-        entry = entries.read(height, active=taken)
+        local: Any = entries
+        entry = local.read(height, active=taken)
         self.state = (height, entries)
         return entry, taken
 
