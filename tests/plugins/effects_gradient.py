@@ -42,6 +42,7 @@ def scene_of(name: str) -> tuple[dict[str, Any], str, int]:
     sky, even = {"type": "envmap", "filename": s.SKY}, {"type": "constant"}
     back = mi.ScalarTransform4f().translate([0, 3, 0]).rotate([1, 0, 0], 90).scale(100)
     wall = {"type": "rectangle", "to_world": back, "bsdf": textured(20)}
+    mirror = {"type": "rectangle", "to_world": back, "bsdf": {"type": "mirror"}}
     floor = s.plane(textured(1))
     small = s.ball(glossy, x=1.2, y=-1.8, z=0.2, radius=0.5)
     behind = s.ball(glossy, x=-1, y=2, radius=0.8)
@@ -51,11 +52,13 @@ def scene_of(name: str) -> tuple[dict[str, Any], str, int]:
         "glass eta, sky": (glass, {"sky": sky}, "ball.bsdf.eta.value", 6),
         # a point light between glass and wall: nothing casts an edge on what is seen through the glass
         "glass eta, wall": (glass, {"wall": wall, "light": s.point(0, 1.6, 0, 10)}, "ball.bsdf.eta.value", 8),
+        "glass eta, mirror": (glass, {"mirror": mirror, "sky": sky}, "ball.bsdf.eta.value", 6),
         "glazed eta, sky": ({"type": "glazed"}, {"sky": sky}, "ball.bsdf.eta.value", 4),
         "glazed reflectance, sky": ({"type": "glazed"}, {"sky": sky}, "ball.bsdf.diffuse_reflectance.value", 4),
         "metal eta, sky": (metal, {"sky": sky}, "ball.bsdf.eta.value", 4),
         "metal k, sky": (metal, {"sky": sky}, "ball.bsdf.k.value", 4),
         "texture, lamp": (glossy, {"floor": floor, "lamp": lamp}, "floor.bsdf.reflectance.data", 5),
+        "light of a lamp": (glossy, {"floor": floor, "lamp": lamp}, "lamp.emitter.radiance.value", 4),
         "in a mirror": ({"type": "mirror"}, {"front": small, "lamp": lamp}, "front.bsdf.eta.value", 5),
         "through glass": (glass, {"behind": behind, "lamp": lamp}, "behind.bsdf.eta.value", 7),
         # what an attached chain cannot see: shadows and lamps whose edges move in the glass
@@ -77,9 +80,11 @@ def measure(name: str, integrator: str = "effects") -> dict[str, list[float]]:
     start = dr.detach(type(params[key])(params[key]))
     tracer = mi.load_dict({"type": integrator, "max_depth": depth, "rr_depth": 100})
     y, x = np.mgrid[0:32, 0:32]
-    # weights that differ by pixel and channel, so that no error can cancel in the mean
-    weights = 1 + 0.5 * np.sin(0.3 * x + 0.2 * y)[..., None] * np.array([1, 0.5, -0.5])
-    weights = mi.TensorXf(weights.astype(np.float32))
+    # weights that differ by pixel, channel and brightness: no error cancels in the mean, and a highlight that only
+    # changes its shape has a derivative
+    waves = 1 + 0.5 * np.sin(0.3 * x + 0.2 * y)[..., None] * np.array([1, 0.5, -0.5])
+    bright = np.array(mi.render(scene, integrator=tracer, spp=SAMPLES, seed=99))
+    weights = mi.TensorXf((waves + bright / bright.mean()).astype(np.float32))
 
     def value(t: Any, seed: int, samples: int) -> Any:
         params[key] = start * (1 + t) if key.endswith("data") else start + t

@@ -124,18 +124,6 @@ def all_cells(size: int = 32) -> dict[str, Any]:
     }
 
 
-#: name: scene, and the depth to which EFFECTS of it are simulated.
-SCENES = {
-    "one_point": (one_point, 2),
-    "four_points": (many_points, 2),
-    "area_mirror": (area_mirror, 5),
-    "glass_mirror": (glass_mirror, 8),
-    "glossy_sky": (glossy_sky, 3),
-    "cornell": (cornell, 6),
-    "all_cells": (all_cells, 5),
-}
-
-
 def masked(size: int = 32) -> dict[str, Any]:
     """Panes that let a part of the light pass, before a diffuse ball, a glazed one, and lamps."""
     grey = {"type": "mask", "opacity": 0.4, "nested": DIFFUSE}
@@ -195,3 +183,16 @@ def shiny_lamp(size: int = 32) -> dict[str, Any]:
     out["mirror"]["emitter"] = {"type": "area", "radiance": rgb(0.1)}
     out["light"] = point(-2, -3, 4, 10)
     return out
+
+
+#: name: scene, and the depth to which EFFECTS of it are simulated.
+SCENES = {
+    "one_point": (one_point, 2),
+    "four_points": (many_points, 2),
+    "area_mirror": (area_mirror, 5),
+    "glass_mirror": (glass_mirror, 8),
+    "glossy_sky": (glossy_sky, 3),
+    "cornell": (cornell, 6),
+    "all_cells": (all_cells, 5),
+    "textured_mesh": (bumpy, 4),
+}

@@ -10,20 +10,22 @@ import numpy as np
 import pytest
 
 #: What `make test` has time for; the rest is slow.
-QUICK = ["glass eta, sky", "cooktorrance m, lamp"]
+QUICK = ["glass eta, sky", "cooktorrance m, sky"]
 SLOW = [
     "glass eta, even sky",
     "glass eta, wall",
+    "glass eta, mirror",
     "glazed eta, sky",
     "glazed reflectance, sky",
     "metal eta, sky",
     "metal k, sky",
     "cooktorrance m, point",
-    "cooktorrance m, sky",
+    "cooktorrance m, lamp",
     "cooktorrance eta, point",
     "cooktorrance eta, lamp",
     "cooktorrance eta, sky",
     "texture, lamp",
+    "light of a lamp",
     "in a mirror",
     "through glass",
 ]
