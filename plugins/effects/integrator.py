@@ -5,17 +5,17 @@ classic ray tracer does. Properties, all optional:
 
 - ``cells`` (string): ``auto`` or ``all``, ``classic``, or names of cells, separated by commas or spaces. What is not
   named leaves no code in the kernel.
-- ``max_depth``, ``rr_depth`` (integer, -1 and 5), ``hide_emitters``: those of `path`.
+- ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
 - ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
 - ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at
   least this part of the light at the eye. Below, one is chosen at random (``prune = random``), which is unbiased, or
   what is weaker is left out (``prune = cut``).
 - ``tolerance`` (float, 0): what may be left out; the integrator keeps it for those who ask it.
 
-Derivatives are those of the light along each path: directions and positions follow through mirrors and glass, and in
-surfaces after a diffuse or glossy one the point is held. Edges are not: where a shadow, or a lamp without a soft border,
-is seen through glass or lights a surface through it, it moves with `eta`, and that part of the derivative is missing. It
-can be most of it: see tests/plugins/test_effects_gradients.py.
+Derivatives are those of the light along each path: directions and positions follow through mirrors and glass; beyond
+a diffuse or glossy surface, the point that is met is held. Edges are not followed: where a shadow, or a lamp without a
+soft border, is seen through glass or shines through it, it moves with `eta`, and that part of the derivative is missing.
+It can be most of it: see tests/plugins/test_effects_gradients.py.
 """
 
 from __future__ import annotations
