@@ -12,7 +12,7 @@ import typer
 
 from brdf.errors import BrdfError, DataError, UsageError
 
-from . import check, doctor, example, fit, models, render
+from . import check, doctor, example, fit, models, plan, render
 
 INTERRUPTED = 130
 
@@ -28,6 +28,7 @@ app = typer.Typer(
 app.command("fit")(fit.command)
 app.command("example")(example.command)
 app.command("render")(render.command)
+app.command("plan")(plan.command)
 app.command("models")(models.command)
 app.command("check")(check.command)
 app.command("doctor")(doctor.command)

@@ -1,1 +1,1 @@
-"""The lecture's table of effects: which light meets which surface, and integrators that simulate what is called for."""
+"""The lecture's table, how light arrives against how a surface answers, as a way to render: only what a scene needs."""

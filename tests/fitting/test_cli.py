@@ -27,13 +27,13 @@ def test_help_names_every_verb_and_loads_no_renderer() -> None:
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
     assert run.returncode == 0
-    for verb in ("fit", "example", "render", "models", "check", "doctor"):
+    for verb in ("fit", "example", "render", "plan", "models", "check", "doctor"):
         assert f" {verb} " in run.stdout
 
 
 def test_every_verb_has_json() -> None:
     verbs = [command.name for command in app.app.registered_commands]
-    assert {"fit", "example", "render", "models", "check", "doctor"} <= set(verbs)
+    assert {"fit", "example", "render", "plan", "models", "check", "doctor"} <= set(verbs)
     for verb in verbs:
         assert "--json" in brdf(verb, "--help", COLUMNS="200").stdout
 

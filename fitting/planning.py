@@ -1,0 +1,137 @@
+"""What ``brdf plan`` finds: the lecture's table for a scene, and with a pilot what each cell is worth."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from plugins.effects import pilot, table
+from plugins.scene import Scene
+
+#: Integrators that end paths at a depth of their own.
+FIXED_DEPTH = {"DirectIntegrator": 2}
+#: The pictures of the page: longer side [pixels], samples a pixel.
+PICTURE_SIZE, PICTURE_SPP = 160, 64
+#: Longer side of the pictures that are timed [pixels]. With those of the pilot most of the time goes into Python.
+TIMED_SIZE = 128
+Layers = Mapping[str, npt.NDArray[Any]]
+
+
+def depth_of(integrator: Any) -> int:
+    """The `max_depth` of an integrator; -1, no end, if it says none.
+
+    Mitsuba's own print it and have no attribute for it; none is printed as 2^32 - 1.
+    """
+    if integrator is None:
+        return -1
+    if hasattr(integrator, "max_depth"):
+        return int(integrator.max_depth)
+    if integrator.class_name() in FIXED_DEPTH:
+        return FIXED_DEPTH[integrator.class_name()]
+    said = re.search(r"max_depth = (\d+)", str(integrator))
+    depth = int(said[1]) if said else -1
+    return -1 if depth == 2**32 - 1 else depth
+
+
+def static(loaded: Scene) -> dict[str, Any]:
+    """The table from what is in the scene alone, as ``brdf plan --json`` prints it.
+
+    Raises
+    ------
+    DataError
+        The scene has a participating medium.
+    """
+    integrator: Any = loaded.scene.integrator()
+    depth, hide = depth_of(integrator), bool(getattr(integrator, "hide_emitters", False))
+    cells = table.plan(loaded.scene, depth, hide_emitters=hide)
+    unknown = dict.fromkeys(("share", "share_se", "time", "drop_error", "drop_error_se"))
+    return {
+        "scene": str(loaded.path),
+        "max_depth": depth,
+        "cells": {
+            name: {
+                "called_for": cell.called_for,
+                "why": cell.why,
+                "technique": cell.technique or None,
+                "easy": cell.easy,
+                **unknown,
+            }
+            for name, cell in cells.items()
+        },
+        "pilot": None,
+    }
+
+
+def measured(
+    plan: dict[str, Any],
+    scene: mi.Scene,
+    layers: Callable[[mi.Scene, int, int, int], Layers],
+    seconds: Callable[[frozenset[str]], float],
+    seed: int,
+) -> dict[str, Any]:
+    """The same with the shares, times and errors of a pilot.
+
+    Parameters
+    ----------
+    layers : function
+        As `pilot.run` takes it.
+    seconds : function
+        As `pilot.times` takes it.
+    """
+    start = time.perf_counter()
+    found = pilot.run(layers, scene, seed=seed)
+    light = pilot.shares(found)
+    called = [name for name, cell in plan["cells"].items() if cell["called_for"]]
+    spent = pilot.times(seconds, called)
+    cells = {}
+    for name, cell in plan["cells"].items():
+        share, error = light[name], pilot.drop_error(found, {name})
+        cells[name] = {
+            **cell,
+            "share": share.value,
+            "share_se": share.se,
+            "time": spent.get(name, 0.0),
+            "drop_error": error.value,
+            "drop_error_se": error.se,
+        }
+    about = {
+        "runs": found.runs,
+        "size": pilot.SIZE,
+        "spp": pilot.SPP,
+        "seed": seed,
+        "white": found.white,
+        "seconds": time.perf_counter() - start,
+    }
+    return {**plan, "cells": cells, "pilot": about}
+
+
+def calls(plan: dict[str, Any]) -> int:
+    """How often `measured` calls one of its functions."""
+    called = sum(cell["called_for"] for cell in plan["cells"].values())
+    return pilot.RUNS + (pilot.REPEATS + 1) * (called + 1 if called > 1 else 1)
+
+
+def with_effects(
+    loaded: Scene, sensor: mi.Sensor, plan: dict[str, Any]
+) -> tuple[Callable[[mi.Scene, int, int, int], Layers], Callable[[frozenset[str]], float]]:
+    """`layers` and `seconds` for `measured`, by the integrator `effects`."""
+    settings = {"type": "effects", "max_depth": plan["max_depth"]}
+    if getattr(loaded.scene.integrator(), "hide_emitters", False):
+        settings["hide_emitters"] = True
+    some: dict[frozenset[str], Any] = {}
+
+    def seconds(cells: frozenset[str]) -> float:
+        if cells not in some:
+            some[cells] = mi.load_dict({**settings, "cells": ",".join(sorted(cells))})
+        with pilot.shrunk(sensor, TIMED_SIZE):
+            start = time.perf_counter()
+            np.array(mi.render(loaded.scene, sensor=sensor, integrator=some[cells], spp=pilot.SPP))
+            return time.perf_counter() - start
+
+    return pilot.rendered(mi.load_dict({**settings, "layers": True}), sensor), seconds
