@@ -7,8 +7,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .lights import SUMMED, mis, moved
+from .lights import mis, moved
 from .state import EYE, IMAGE, INDIRECT, SCATTERED, Lamp, Settings, State, is_fresh
+from .table import SUMMED
 
 
 def emission(w: Settings, s: State, si: Any, fresh: Any) -> None:

@@ -3,8 +3,9 @@
 Both are one integrator with other defaults: `effects` simulates all cells that the scene can have, `raytree` what a
 classic ray tracer does. Properties, all optional:
 
-- ``cells`` (string): ``auto`` or ``all``, ``classic``, or names of cells, separated by commas or spaces. What is not
-  named leaves no code in the kernel.
+- ``cells`` (string): ``auto``, ``all``, ``classic``, or names of cells (see `table.parse`). What is not named leaves no
+  code in the kernel, nor does what the scene does not call for. That is looked up once for each scene: after a change
+  of shapes or sensors, make a new integrator. With ``all`` it is not looked up.
 - ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
 - ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
 - ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at
@@ -14,7 +15,7 @@ classic ray tracer does. Properties, all optional:
 
 Derivatives are those of the light along each path: directions and positions follow through mirrors and glass; beyond
 a diffuse or glossy surface, the point that is met is held. Edges are not followed: where a shadow, or a lamp without a
-soft border, is seen through glass or shines through it, it moves with `eta`, and that part of the derivative is missing.
+soft border, is seen through glass or shines through it, it moves with `eta`, and that part is missing.
 It can be most of it: see tests/plugins/test_effects_gradients.py.
 """
 
@@ -27,11 +28,11 @@ import mitsuba as mi
 
 from brdf import NoBackend, UsageError
 
-from .cells import Switches, asked
+from .cells import Switches
 from .contents import contents
-from .lights import SUMMED, Lights
+from .lights import Lights
 from .state import Settings, column_of
-from .table import CELLS
+from .table import CELLS, SUMMED, called_for, parse, plan
 from .walk import run
 
 #: Below this part of the light at the eye, one branch of glass is followed, not both.
@@ -49,7 +50,8 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             mi.SamplingIntegrator.__init__(self, props)
             if not dr.is_jit_v(mi.Float) or mi.is_polarized:
                 raise NoBackend(f"{name}: the variant {mi.variant()} will not do. Take llvm_ad_rgb, or one like it.")
-            self.cells = asked(string(name, props, "cells", cells))
+            text = string(name, props, "cells", cells)
+            self.cells, self.planned = parse(text), text.strip() != "all"
             self.tolerance = number(name, props, "tolerance", 0.0)
             self.max_depth = int(number(name, props, "max_depth", -1, low=-1))
             self.rr_depth = int(number(name, props, "rr_depth", 5, low=1))
@@ -77,7 +79,10 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             if not self.seen or self.seen[0] is not scene:
                 with dr.suspend_grad():
                     found = contents(scene)
-                    switches = Switches.of(self.cells, found, self.max_depth)
+                    possible = found.possible(self.max_depth)
+                    if self.planned:
+                        possible &= called_for(plan(scene, self.max_depth))
+                    switches = Switches.of(self.cells, possible, found.rows)
                     wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
                     self.seen = (scene, found, switches, (points, Lights(scene, wanted)))

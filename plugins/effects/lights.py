@@ -9,8 +9,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-#: Point lights up to here are all summed, at every surface; of more, one is chosen at random.
-SUMMED = 64
 #: The share of choices that is even: no lamp that shines on little, but from near, is forgotten.
 EVEN = 0.5
 #: Rays of an emitter from which its power is taken, once a scene.

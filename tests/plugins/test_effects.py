@@ -164,7 +164,7 @@ def test_blend_of_mirror_and_diffuse() -> None:
     ("properties", "said"),
     [
         ({"cells": "diffuse.pointt"}, "Did you mean diffuse.point"),
-        ({"cells": ""}, "cells is empty"),
+        ({"cells": ""}, "leaves no cell"),
         ({"cells": 3}, "takes a <string>"),
         ({"prune": "never"}, "random, cut"),
         ({"max_depth": -2}, "from -1 on"),
