@@ -7,6 +7,17 @@ from dataclasses import dataclass
 from .table import CELLS
 
 
+def layer_names(parts: bool) -> tuple[str, ...]:
+    """The layers of a picture; with `parts`, what is seen in mirrors is split by the cell that is seen."""
+    shown = [image_of(c) for c in CELLS if c.startswith(("diffuse", "glossy"))] if parts else ["mirror.indirect"]
+    return tuple(name for c in CELLS for name in (shown if c == "mirror.indirect" else [c]))
+
+
+def image_of(cell: str) -> str:
+    """The name of the part of ``mirror.indirect`` that goes with this cell."""
+    return f"mirror.indirect/{cell}"
+
+
 @dataclass(frozen=True)
 class Switches:
     """What the kernel simulates. A mirror shows what the other cells called for show; everything, if it is alone."""

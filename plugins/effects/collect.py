@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from .cells import image_of
 from .lights import mis, moved
 from .state import EYE, IMAGE, INDIRECT, SCATTERED, Lamp, Settings, State, is_fresh
 from .table import SUMMED
@@ -44,7 +45,7 @@ def emitted(w: Settings, s: State, column: str, value: Any, fresh: Any) -> None:
     for stage, cell in ((EYE, "emitter"), (IMAGE, f"mirror.{column}")):
         if cell in switches.cells and fresh is not False:
             part = dr.select(s.stage == stage, value, 0)
-            if w.layers:
+            if w.names:
                 add(w, s, cell, part)
             total += part
     if fresh is not True:
@@ -53,27 +54,21 @@ def emitted(w: Settings, s: State, column: str, value: Any, fresh: Any) -> None:
         if not w.apart:
             if wanted:
                 total += last
-                if w.layers:
-                    seen_from_surface(w, s, wanted[0], column, last)
+                if w.names:
+                    add_split(w, s, wanted[0], column, s.mirrored, last)
         else:
             for row in wanted:
                 part = last * (s.share if row == "diffuse" else 1 - s.share)
                 total += part
-                if w.layers:
-                    seen_from_surface(w, s, row, column, part)
+                if w.names:
+                    add_split(w, s, row, column, s.mirrored, part)
         if switches.indirect:
             part = dr.select(s.stage == INDIRECT, value, 0)
-            if w.layers:
+            if w.names:
                 add_indirect(w, s, part)
             total += part
-    if not w.layers:
+    if not w.names:
         add(w, s, "", total)
-
-
-def seen_from_surface(w: Settings, s: State, row: str, column: str, value: Any) -> None:
-    """Emission that the first surface sees, into its layer."""
-    add(w, s, "mirror.indirect", dr.select(s.mirrored, value, 0))
-    add(w, s, f"{row}.{column}", dr.select(s.mirrored, 0, value))
 
 
 def sample_lamps(w: Settings, s: State, si: Any, sampler: Any, fresh: Any, at: Any) -> list[Lamp]:
@@ -137,27 +132,30 @@ def reflect(w: Settings, s: State, lamp: Lamp, answer: Any, fresh: Any) -> None:
 
 def add(w: Settings, s: State, cell: str, value: Any) -> None:
     """Radiance into a layer, or into the picture if there are no layers."""
-    name = cell if w.layers else ""
+    name = cell if w.names else ""
     s.light[name] = s.light[name] + value
 
 
 def add_indirect(w: Settings, s: State, value: Any) -> None:
     """Light at a surface after the first."""
-    if not w.layers:
+    if not w.names:
         return add(w, s, "", value)
-    add(w, s, "mirror.indirect", dr.select(s.mirrored, value, 0))
-    rest = dr.select(s.mirrored, 0, value)
     rows = w.contents.rows
     if len(rows) == 1:
-        return add(w, s, f"{rows[0]}.indirect", rest)
-    add(w, s, "diffuse.indirect", rest * s.share)
-    return add(w, s, "glossy.indirect", rest * (1 - s.share))
+        return add_split(w, s, rows[0], "indirect", s.mirrored, value)
+    add_split(w, s, "diffuse", "indirect", s.mirrored, value * s.share)
+    return add_split(w, s, "glossy", "indirect", s.mirrored, value * (1 - s.share))
 
 
 def add_shaded(w: Settings, s: State, row: str, column: str, value: Any) -> None:
     """Light from a lamp at the first surface that is neither mirror nor glass."""
-    if not w.layers:
+    if not w.names:
         return add(w, s, "", value)
-    image = s.stage == IMAGE
-    add(w, s, "mirror.indirect", dr.select(image, value, 0))
-    return add(w, s, f"{row}.{column}", dr.select(image, 0, value))
+    return add_split(w, s, row, column, s.stage == IMAGE, value)
+
+
+def add_split(w: Settings, s: State, row: str, column: str, image: Any, value: Any) -> None:
+    """Radiance into the layer of a cell, or where that surface is seen in a mirror into that of its image."""
+    shown = image_of(f"{row}.{column}")
+    add(w, s, shown if shown in w.names else "mirror.indirect", dr.select(image, value, 0))
+    add(w, s, f"{row}.{column}", dr.select(image, 0, value))

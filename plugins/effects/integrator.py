@@ -8,6 +8,7 @@ classic ray tracer does. Properties, all optional:
   of shapes or sensors, make a new integrator. With ``all`` it is not looked up.
 - ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
 - ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
+  With ``parts`` as well, ``mirror.indirect`` is split by what is seen: ``mirror.indirect/diffuse.point.R`` and so on.
 - ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at
   least this part of the light at the eye. Below, one is chosen at random (``prune = random``), which is unbiased, or
   what is weaker is left out (``prune = cut``).
@@ -28,7 +29,7 @@ import mitsuba as mi
 
 from brdf import NoBackend, UsageError
 
-from .cells import Switches
+from .cells import Switches, layer_names
 from .contents import contents
 from .lights import Lights
 from .state import Settings, column_of
@@ -59,11 +60,12 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             self.prune = string(name, props, "prune", PRUNE[0])
             if self.prune not in PRUNE:
                 raise UsageError(f"{name}: prune = {self.prune!r}. It is one of: {', '.join(PRUNE)}.")
-            self.layers = bool(props["layers"]) if "layers" in props else False
+            layers, parts = (flag(name, props, key) for key in ("layers", "parts"))
+            self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
 
         def aov_names(self) -> list[str]:
-            return [f"{cell}.{c}" for cell in CELLS for c in "RGB"] if self.layers else []
+            return [f"{cell}.{c}" for cell in self.names for c in "RGB"]
 
         def traverse(self, callback: mi.TraversalCallback) -> None:
             pass
@@ -106,16 +108,15 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 rr_depth=self.rr_depth,
                 threshold=self.threshold,
                 cut=self.prune == "cut",
-                layers=self.layers,
+                names=self.names,
                 hide=self.hide_emitters,
                 # Mitsuba renders a derivative with symbolic loops switched off
                 attached=not dr.flag(dr.JitFlag.SymbolicLoops),
             )
             s = run(settings, sampler, ray, active)
             aovs: list[Any] = []
-            if self.layers:
-                for cell in CELLS:
-                    aovs += list(rgb(s.light[cell], ray.wavelengths))
+            for cell in self.names:
+                aovs += list(rgb(s.light[cell], ray.wavelengths))
             total = mi.Spectrum(0)
             for value in s.light.values():
                 total += value
@@ -137,6 +138,14 @@ def string(owner: str, props: mi.Properties, key: str, default: str) -> str:
     value = props[key] if key in props else default
     if not isinstance(value, str):
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a <string>.")
+    return value
+
+
+def flag(owner: str, props: mi.Properties, key: str) -> bool:
+    """A property that is true or false; false if it is not there."""
+    value = props[key] if key in props else False
+    if not isinstance(value, bool):
+        raise UsageError(f"{owner}: {key} = {value!r}. It takes a <boolean>.")
     return value
 
 

@@ -40,8 +40,8 @@ class Lights:
         if len(self.emitters) == 1:
             ds, weight = self.emitters[0].sample_direction(si, point, active)
             return ds, weight, self.emitters[0]
-        index: Any
-        index, chance = self.distribution.sample_pmf(number, active)
+        chosen: Any = self.distribution.sample_pmf(number, active)
+        index, chance = chosen
         place: Any = dr.gather(mi.UInt32, self.place, index, active)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, place, active)
         ds, weight = emitter.sample_direction(si, point, active)

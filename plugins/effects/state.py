@@ -84,7 +84,7 @@ class Settings:
         rr_depth: int,
         threshold: float,
         cut: bool,
-        layers: bool,
+        names: tuple[str, ...],
         hide: bool,
         attached: bool,
     ) -> None:
@@ -92,7 +92,7 @@ class Settings:
         self.points, self.others = lights
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.threshold, self.cut = threshold, cut
-        self.layers, self.hide, self.attached = layers, hide, attached
+        self.names, self.hide, self.attached = names, hide, attached
         flags = mi.BSDFFlags
         self.smooth = int(flags.Smooth)
         null = int(flags.Null) if contents.null else 0
@@ -111,12 +111,12 @@ class Settings:
         columns = ("area", "environment", "indirect")
         #: Whether diffuse and glossy scattering must be told apart on the way.
         self.apart = len(contents.rows) == 2 and (
-            layers or (not self.restricted and any(len(switches.wants(c)) == 1 for c in columns))
+            bool(names) or (not self.restricted and any(len(switches.wants(c)) == 1 for c in columns))
         )
 
     def together(self, columns: tuple[str, ...]) -> bool:
         """Whether one value of the reflectance does for the first surface and for those after it."""
-        return not self.layers and all(self.switches.wants(c) == self.contents.rows for c in columns)
+        return not self.names and all(self.switches.wants(c) == self.contents.rows for c in columns)
 
 
 def column_of(emitter: mi.Emitter) -> str:

@@ -11,7 +11,6 @@ from .collect import emission, reflect, sample_lamps
 from .stack import Stack
 from .state import EYE, IMAGE, INDIRECT, SCATTERED, Branch, Lamp, Settings, State, is_fresh
 from .surfaces import answers, attach, nowhere, of_each
-from .table import CELLS
 
 #: Branches that wait at once in a lane. Where no more fit, one branch is chosen at random, which is unbiased.
 WAITING = 12
@@ -25,7 +24,7 @@ SURVIVAL = 0.95
 
 def run(w: Settings, sampler: Any, ray: Any, active: Any) -> State:
     """All paths of the rays from the eye."""
-    names = CELLS if w.layers else ("",)
+    names = w.names or ("",)
     ray, active = mi.Ray3f(ray), mi.Bool(active)
     if w.hide:
         ray = past_lamps(w, ray, active)

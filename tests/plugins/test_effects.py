@@ -57,6 +57,19 @@ WAYS: dict[str, tuple[Any, int, dict[str, Any], dict[str, Any]]] = {
 }
 
 
+def test_instances() -> None:
+    """Surfaces that the scene does not list by itself: glass and a glossy body in a group."""
+    group = {"type": "shapegroup", "glass": scenes.ball({"type": "glass"}, x=-0.5, radius=0.5)}
+    group["plastic"] = scenes.ball(scenes.rough_plastic(), x=0.5, radius=0.5)
+    scene = {"type": "scene", "sensor": scenes.camera(32), "group": group, "floor": scenes.plane(scenes.DIFFUSE)}
+    scene["light"] = scenes.point(2, -3, 4, 30)
+    for i, x in enumerate((-0.9, 0.9)):
+        to = mi.ScalarTransform4f().translate([x, 0, 0.2 * x])
+        scene[f"copy{i}"] = {"type": "instance", "group": {"type": "ref", "id": "group"}, "to_world": to}
+    loaded = mi.load_dict(scene)
+    assert_same_mean(runs(loaded, effects(4), 0), runs(loaded, path(4), 1000))
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_same_in_other_ways(way: str) -> None:
     make, depth, both, ours = WAYS[way]
@@ -74,6 +87,27 @@ def test_layers_sum_to_the_picture() -> None:
     dark = {cell for cell, part in parts.items() if not part.any()}
     assert dark == {"mirror.point"}
     assert all(np.all(part >= 0) for part in parts.values())
+
+
+def test_parts_of_what_mirrors_show() -> None:
+    """They sum to the layer that they split, of the same samples; each is what goes with its cell."""
+    scene = mi.load_dict(scenes.all_cells())
+    whole, split = (
+        np.array(mi.render(scene, integrator=mi.load_dict(effects(5, layers=True, parts=p)), spp=16), dtype=float)
+        for p in (False, True)
+    )
+    # float32 sums in another order, here and below
+    np.testing.assert_allclose(split[..., :3], whole[..., :3], rtol=1e-5, atol=1e-6)
+    names = [n.rpartition(".")[0] for n in mi.load_dict(effects(5, layers=True, parts=True)).aov_names()[::3]]
+    parts = {n: split[..., 3 + 3 * i : 6 + 3 * i] for i, n in enumerate(names)}
+    shown = [part for n, part in parts.items() if n.startswith("mirror.indirect/")]
+    assert len(shown) == 8
+    assert all(part.any() for part in shown)
+    np.testing.assert_allclose(sum(shown), layers(whole)["mirror.indirect"], rtol=1e-5, atol=1e-6)
+    without = runs(scene, effects(5, cells="-diffuse.area"), 0)
+    every = runs(scene, effects(5, layers=True, parts=True), 500)
+    gone = sum(every[..., 3 + 3 * i : 6 + 3 * i] for i, n in enumerate(names) if n.endswith("diffuse.area"))
+    assert_same_mean(without, every[..., :3] - gone)
 
 
 def test_names_of_the_layers() -> None:
@@ -170,6 +204,7 @@ def test_blend_of_mirror_and_diffuse() -> None:
         ({"max_depth": -2}, "from -1 on"),
         ({"threshold": -0.1}, "from 0 on"),
         ({"rr_depth": 0}, "from 1 on"),
+        ({"layers": "yes"}, "takes a <boolean>"),
     ],
 )
 def test_wrong_properties(properties: dict[str, Any], said: str) -> None:
