@@ -2,43 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
-from brdf import UsageError
-
-from .contents import Contents
 from .table import CELLS
 
-#: What a classic ray tracer does: point lights on all that is not a mirror, and mirrors by recursion.
-CLASSIC = frozenset(
-    ("emitter", "diffuse.point", "glossy.point", "mirror.area", "mirror.environment", "mirror.indirect")
-)
+
+def layer_names(parts: bool) -> tuple[str, ...]:
+    """The layers of a picture; with `parts`, what is seen in mirrors is split by the cell that is seen."""
+    shown = [image_of(c) for c in CELLS if c.startswith(("diffuse", "glossy"))] if parts else ["mirror.indirect"]
+    return tuple(name for c in CELLS for name in (shown if c == "mirror.indirect" else [c]))
 
 
-def asked(text: str) -> frozenset[str]:
-    """The cells that a word or a list names: ``auto``, ``all``, ``classic``, or cells separated by commas or spaces.
-
-    Raises
-    ------
-    UsageError
-        A name that is not a cell.
-    """
-    words = text.replace(",", " ").split()
-    if words in (["auto"], ["all"]):
-        return frozenset(CELLS)
-    if words == ["classic"]:
-        return CLASSIC
-    for word in words:
-        if word not in CELLS:
-            near = difflib.get_close_matches(word, CELLS, 1)
-            guess = f"Did you mean {near[0]}? " if near else ""
-            raise UsageError(
-                f"cells: {word!r} is not a cell. {guess}It is auto, all, classic, or of: {', '.join(CELLS)}."
-            )
-    if not words:
-        raise UsageError(f"cells is empty. It is auto, all, classic, or of: {', '.join(CELLS)}.")
-    return frozenset(words)
+def image_of(cell: str) -> str:
+    """The name of the part of ``mirror.indirect`` that goes with this cell."""
+    return f"mirror.indirect/{cell}"
 
 
 @dataclass(frozen=True)
@@ -54,14 +31,14 @@ class Switches:
     """Whether it is where it is seen in a mirror or through glass."""
 
     @classmethod
-    def of(cls, wanted: frozenset[str], contents: Contents, max_depth: int) -> Switches:
-        possible = contents.possible(max_depth)
+    def of(cls, wanted: frozenset[str], possible: frozenset[str], rows: tuple[str, ...]) -> Switches:
+        """`wanted` is asked for, `possible` is what may have light, `rows` as below."""
         smooth = {c for c in CELLS if c.startswith(("diffuse", "glossy"))}
         cells = wanted & possible
         alone = not wanted & smooth and "mirror.indirect" in cells
         return cls(
             cells=cells | (possible & smooth if alone else frozenset()),
-            rows=contents.rows,
+            rows=rows,
             eye=not alone and bool(cells & smooth),
             image="mirror.indirect" in cells,
         )

@@ -7,8 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from brdf import DataError
-
+from .inventory import refuse_media, solid
 from .table import CELLS
 
 #: Depths from which on a cell can have light: its shortest path, counted as `max_depth` counts.
@@ -28,7 +27,7 @@ class Contents:
     flags: int
     """All lobes of all surfaces, as Mitsuba's flags."""
     thin: bool
-    """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, or the border of nothing."""
+    """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, a border."""
     masks: bool
     """Whether a `mask` is among the surfaces: it samples wrongly if its `Null` lobe is switched off."""
     smooth: bool
@@ -66,7 +65,7 @@ class Contents:
                 there = bool(self.others)
             else:
                 row, column = cell.split(".")
-                there = (column == "indirect" and bool(self.columns)) or column in self.columns
+                there = bool(self.columns) if column == "indirect" else column in self.columns
                 there &= delta and cell != "mirror.point" if row == "mirror" else row in self.rows
                 if cell == "mirror.indirect":
                     there &= bool(self.rows)
@@ -82,16 +81,13 @@ def contents(scene: mi.Scene) -> Contents:
     Raises
     ------
     DataError
-        There is a participating medium, which these integrators do not simulate.
+        There is a participating medium.
     """
     flags = mi.BSDFFlags
+    shapes = [shape for shape, _ in solid(scene)]
+    refuse_media(scene, shapes)
     bsdfs = {}
-    for shape in scene.shapes():
-        if shape.is_medium_transition():
-            raise DataError(
-                f"the shape {shape.id()!r} bounds a participating medium, which is not simulated here. "
-                "Take the integrator volpath."
-            )
+    for shape in shapes:
         bsdf = shape.bsdf()
         if bsdf is not None:
             bsdfs[bsdf.ptr] = bsdf
@@ -102,8 +98,9 @@ def contents(scene: mi.Scene) -> Contents:
     for emitter in scene.emitters():
         kind = emitter.flags()
         if kind & int(mi.EmitterFlags.Delta):
-            points.append(emitter)
-            columns.add("point")
+            if not kind & int(mi.EmitterFlags.Surface):  # neither found by a ray nor by sampling
+                points.append(emitter)
+                columns.add("point")
         else:
             others.append(emitter)
             columns.add("environment" if kind & int(mi.EmitterFlags.Infinite) else "area")

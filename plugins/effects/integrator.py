@@ -1,4 +1,24 @@
-"""The integrators `effects` and `raytree` as Mitsuba plugins."""
+"""The integrators `effects` and `raytree` as Mitsuba plugins.
+
+Both are one integrator with other defaults: `effects` simulates all cells that the scene can have, `raytree` what a
+classic ray tracer does. Properties, all optional:
+
+- ``cells`` (string): ``auto``, ``all``, ``classic``, or names of cells (see `table.parse`). What is not named leaves no
+  code in the kernel, nor does what the scene does not call for. That is looked up once for each scene: after a change
+  of shapes or sensors, make a new integrator. With ``all`` it is not looked up.
+- ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
+- ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
+  With ``parts`` as well, ``mirror.indirect`` is split by what is seen: ``mirror.indirect/diffuse.point.R`` and so on.
+- ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at
+  least this part of the light at the eye. Below, one is chosen at random (``prune = random``), which is unbiased, or
+  what is weaker is left out (``prune = cut``).
+- ``tolerance`` (float, 0): what may be left out; the integrator keeps it for those who ask it.
+
+Derivatives are those of the light along each path: directions and positions follow through mirrors and glass; beyond
+a diffuse or glossy surface, the point that is met is held. Edges are not followed: where a shadow, or a lamp without a
+soft border, is seen through glass or shines through it, it moves with `eta`, and that part is missing.
+It can be most of it: see tests/plugins/test_effects_gradients.py.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +29,12 @@ import mitsuba as mi
 
 from brdf import NoBackend, UsageError
 
-from .cells import Switches, asked
+from .cells import Switches, layer_names
 from .contents import contents
 from .lights import Lights
-from .table import CELLS
-from .walk import SUMMED, Walk
+from .state import Settings, column_of
+from .table import CELLS, SUMMED, called_for, parse, plan
+from .walk import run
 
 #: Below this part of the light at the eye, one branch of glass is followed, not both.
 THRESHOLD = 0.01
@@ -30,7 +51,8 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             mi.SamplingIntegrator.__init__(self, props)
             if not dr.is_jit_v(mi.Float) or mi.is_polarized:
                 raise NoBackend(f"{name}: the variant {mi.variant()} will not do. Take llvm_ad_rgb, or one like it.")
-            self.cells = asked(string(name, props, "cells", cells))
+            text = string(name, props, "cells", cells)
+            self.cells, self.planned = parse(text), text.strip() != "all"
             self.tolerance = number(name, props, "tolerance", 0.0)
             self.max_depth = int(number(name, props, "max_depth", -1, low=-1))
             self.rr_depth = int(number(name, props, "rr_depth", 5, low=1))
@@ -38,11 +60,12 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             self.prune = string(name, props, "prune", PRUNE[0])
             if self.prune not in PRUNE:
                 raise UsageError(f"{name}: prune = {self.prune!r}. It is one of: {', '.join(PRUNE)}.")
-            self.layers = bool(props["layers"]) if "layers" in props else False
+            layers, parts = (flag(name, props, key) for key in ("layers", "parts"))
+            self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
 
         def aov_names(self) -> list[str]:
-            return [f"{cell}.{c}" for cell in CELLS for c in "RGB"] if self.layers else []
+            return [f"{cell}.{c}" for cell in self.names for c in "RGB"]
 
         def traverse(self, callback: mi.TraversalCallback) -> None:
             pass
@@ -58,12 +81,11 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             if not self.seen or self.seen[0] is not scene:
                 with dr.suspend_grad():
                     found = contents(scene)
-                    switches = Switches.of(self.cells, found, self.max_depth)
-                    wanted = [
-                        e
-                        for e in found.others
-                        if switches.indirect or switches.wants("environment" if e.is_environment() else "area")
-                    ]
+                    possible = found.possible(self.max_depth)
+                    if self.planned:
+                        possible &= called_for(plan(scene, self.max_depth))
+                    switches = Switches.of(self.cells, possible, found.rows)
+                    wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
                     self.seen = (scene, found, switches, (points, Lights(scene, wanted)))
             return self.seen[1:]
@@ -77,7 +99,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             active: Any = True,
         ) -> tuple[Any, Any, list[Any]]:
             found, switches, lights = self.prepared(scene)
-            walk = Walk(
+            settings = Settings(
                 scene,
                 found,
                 switches,
@@ -86,16 +108,15 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 rr_depth=self.rr_depth,
                 threshold=self.threshold,
                 cut=self.prune == "cut",
-                layers=self.layers,
+                names=self.names,
                 hide=self.hide_emitters,
                 # Mitsuba renders a derivative with symbolic loops switched off
                 attached=not dr.flag(dr.JitFlag.SymbolicLoops),
             )
-            s = walk.run(sampler, ray, active)
+            s = run(settings, sampler, ray, active)
             aovs: list[Any] = []
-            if self.layers:
-                for cell in CELLS:
-                    aovs += list(rgb(s.light[cell], ray.wavelengths))
+            for cell in self.names:
+                aovs += list(rgb(s.light[cell], ray.wavelengths))
             total = mi.Spectrum(0)
             for value in s.light.values():
                 total += value
@@ -113,13 +134,23 @@ def rgb(value: Any, wavelengths: Any) -> Any:
 
 
 def string(owner: str, props: mi.Properties, key: str, default: str) -> str:
+    """A property that is a word."""
     value = props[key] if key in props else default
     if not isinstance(value, str):
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a <string>.")
     return value
 
 
+def flag(owner: str, props: mi.Properties, key: str) -> bool:
+    """A property that is true or false; false if it is not there."""
+    value = props[key] if key in props else False
+    if not isinstance(value, bool):
+        raise UsageError(f"{owner}: {key} = {value!r}. It takes a <boolean>.")
+    return value
+
+
 def number(owner: str, props: mi.Properties, key: str, default: float, low: float = 0) -> float:
+    """A property that is a number, not below `low`."""
     value = props[key] if key in props else default
     if isinstance(value, bool) or not isinstance(value, int | float) or not value >= low:
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a number from {low:g} on.")

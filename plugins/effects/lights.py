@@ -40,8 +40,10 @@ class Lights:
         if len(self.emitters) == 1:
             ds, weight = self.emitters[0].sample_direction(si, point, active)
             return ds, weight, self.emitters[0]
-        index, chance = self.distribution.sample_pmf(number, active)
-        emitter = dr.gather(mi.EmitterPtr, self.pointers, dr.gather(mi.UInt32, self.place, index, active), active)
+        chosen: Any = self.distribution.sample_pmf(number, active)
+        index, chance = chosen
+        place: Any = dr.gather(mi.UInt32, self.place, index, active)
+        emitter = dr.gather(mi.EmitterPtr, self.pointers, place, active)
         ds, weight = emitter.sample_direction(si, point, active)
         ds.pdf *= chance
         return ds, weight / chance, emitter
@@ -74,3 +76,18 @@ def power(emitter: mi.Emitter) -> float:
     except (RuntimeError, NotImplementedError):
         return 1.0
     return value if np.isfinite(value) and value > 0 else 0.0
+
+
+def mis(mine: Any, other: Any) -> Any:
+    """The power heuristic: the weight of a sample of density `mine` that another technique also takes."""
+    weight = dr.square(mine) / (dr.square(mine) + dr.square(other))
+    return dr.select(mine > 0, dr.select(dr.isfinite(weight), weight, 1), 0)
+
+
+def moved(p: Any, fixed: Any, n: Any) -> Any:
+    """The solid angle of a fixed piece of surface, seen from `p`, over what it is now: 1, with its derivative."""
+    to = fixed - p
+    distance2 = dr.squared_norm(to)
+    solid = dr.abs(dr.dot(to, n)) / (distance2 * dr.sqrt(distance2))
+    now = dr.detach(solid)
+    return dr.select(now > 0, solid / dr.select(now > 0, now, 1), 1)

@@ -12,9 +12,9 @@ T = TypeVar("T")
 class Stack:
     """Entries of one PyTree type, last in, first out, in a loop of Dr.Jit; pass `state` through the loop.
 
-    In a symbolic loop (``registers=False``) the entries are in local memory. ``dr.Local`` with a mask (``active=``) reads
-    and writes the wrong entries in symbolic loops of the LLVM backend (Dr.Jit 1.5.0), so that it is accessed in every
-    lane: lanes that do not take part use a slot behind the last entry, which nobody reads. Local memory carries no
+    In a symbolic loop (``registers=False``) the entries are in local memory. ``dr.Local`` with a mask (``active=``)
+    reads and writes the wrong entries in symbolic loops of the LLVM backend (Dr.Jit 1.5.0), so that it is accessed in
+    every lane: lanes that do not take part use a slot behind the last, which nobody reads. Local memory carries no
     derivatives; with ``registers=True`` the entries are variables, chosen by ``dr.select``, which do.
 
     Parameters

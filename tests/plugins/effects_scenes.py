@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
 import plugins.scenes
 
@@ -13,16 +14,14 @@ SKY = str(Path(plugins.scenes.__file__).parent / "sky.exr")
 
 
 def rgb(*value: float) -> dict[str, Any]:
-    return {"type": "rgb", "value": list(value) if len(value) > 1 else [value[0]] * 3}
+    return {"type": "rgb", "value": list(value) * (1 if len(value) > 1 else 3)}
 
 
-def camera(
-    size: int, fov: float = 40, at: tuple[float, ...] = (0, 0, 0), eye: tuple[float, ...] = (0, -4, 2.5)
-) -> dict[str, Any]:
+def camera(size: int, fov: float = 40) -> dict[str, Any]:
     return {
         "type": "perspective",
         "fov": fov,
-        "to_world": mi.ScalarTransform4f().look_at(list(eye), list(at), [0, 0, 1]),
+        "to_world": mi.ScalarTransform4f().look_at([0, -4, 2.5], [0, 0, 0], [0, 0, 1]),
         "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
         "sampler": {"type": "independent"},
     }
@@ -125,6 +124,67 @@ def all_cells(size: int = 32) -> dict[str, Any]:
     }
 
 
+def masked(size: int = 32) -> dict[str, Any]:
+    """Panes that let a part of the light pass, before a diffuse ball, a glazed one, and lamps."""
+    grey = {"type": "mask", "opacity": 0.4, "nested": DIFFUSE}
+    glass = {"type": "mask", "opacity": 0.7, "nested": {"type": "glass"}}
+    tile = {"type": "mask", "opacity": 0.6, "nested": {"type": "glazed"}}
+    out = area_mirror(size)
+    out["pane"] = {"type": "rectangle", "to_world": pane(-0.8, -1.5, 0, 0.8), "bsdf": grey}
+    out["sphere"] = ball(glass, x=0.9, y=-1.4, z=-0.3, radius=0.5)
+    out["tile"] = ball(tile, x=0, y=-1.6, z=-0.6, radius=0.3)
+    out["nothing"] = ball({"type": "null"}, y=-2.2, z=0.6, radius=0.3)
+    out["sky"] = {"type": "constant", "radiance": rgb(0.3)}
+    out["light"] = point(-2, -3, 4, 10)
+    return out
+
+
+def thin(size: int = 32) -> dict[str, Any]:
+    out = glass_mirror(size)
+    out["pane"] = {"type": "rectangle", "to_world": pane(0, -1.6, 0, 1), "bsdf": {"type": "thindielectric"}}
+    return out
+
+
+def pane(x: float, y: float, z: float, scale: float) -> Any:
+    return mi.ScalarTransform4f().translate([x, y, z]).rotate([1, 0, 0], 80).scale([scale, scale, 1])
+
+
+def bumpy(size: int = 32) -> dict[str, Any]:
+    """A mesh with a texture and bumps, seen from both sides, and one with a normal map."""
+    y, x = np.mgrid[0:32, 0:32] / 32 * 2 * np.pi
+    height = (0.5 + 0.2 * np.sin(2 * x) * np.cos(3 * y)).astype(np.float32)
+    bumps = {"type": "bitmap", "bitmap": mi.Bitmap(height[..., None]), "raw": True}
+    out = many_points(size, 2)
+    two_sides = {"type": "twosided", "bsdf": {"type": "bumpmap", "map": bumps, "scale": 0.3, "bsdf": rough_plastic()}}
+    out["ball"] = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().rotate([0, 0, 1], 30).scale(0.7),
+        "bsdf": two_sides,
+    }
+    tilted = {"type": "normalmap", "normalmap": {"type": "rgb", "value": [0.6, 0.5, 0.95]}, "bsdf": checker()}
+    out["floor"] = plane(tilted)
+    out["lamp"] = lamp(1, -2, 4, 0.8, 6)
+    return out
+
+
+def many_lamps(size: int = 32) -> dict[str, Any]:
+    """Lamps of very different power, and a sky."""
+    out = area_mirror(size)
+    for i in range(6):
+        out[f"lamp{i}"] = lamp(-2.5 + i, 1 - 0.5 * i, 2.5, 0.1 + 0.1 * i, 2.0**i)
+    out["sky"] = {"type": "constant", "radiance": rgb(0.1)}
+    return out
+
+
+def shiny_lamp(size: int = 32) -> dict[str, Any]:
+    """A ball that shines and reflects at once, and a light for it to reflect."""
+    out = area_mirror(size)
+    out["plastic"]["emitter"] = {"type": "area", "radiance": rgb(0.3, 0.2, 0.1)}
+    out["mirror"]["emitter"] = {"type": "area", "radiance": rgb(0.1)}
+    out["light"] = point(-2, -3, 4, 10)
+    return out
+
+
 #: name: scene, and the depth to which EFFECTS of it are simulated.
 SCENES = {
     "one_point": (one_point, 2),
@@ -134,4 +194,5 @@ SCENES = {
     "glossy_sky": (glossy_sky, 3),
     "cornell": (cornell, 6),
     "all_cells": (all_cells, 5),
+    "textured_mesh": (bumpy, 4),
 }
