@@ -13,7 +13,7 @@ import fitting
 import plugins
 from brdf import Model, number
 from fitting.problem import Problem
-from fitting.run import wrongly_derived
+from fitting.run import differenced
 from tests.fitting import studio
 from tests.fitting.problems import here, problem
 
@@ -50,7 +50,7 @@ def test_columns(scene: Path) -> None:
     target = np.full((24, 24, 3), 0.3)
     p = problem(scene, ["ball.grey"], {"camera": target}, 64, "rendered")
     x = here(p)
-    assert wrongly_derived(p.parameters, p.scene.scene.integrator()) == [0]  # type: ignore[attr-defined]
+    assert differenced(p.parameters, p.scene.scene.integrator()) == [0]  # type: ignore[attr-defined]
     right = Problem(p.parameters, p.pictures, [target.astype(np.float32)], [0])
     wrong, differences = p.linearize(x), right.linearize(x)
     slope = p.parameters.slope(x)[0]
