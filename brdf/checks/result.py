@@ -19,6 +19,8 @@ CHECKS = {
     "gradient_path": "is the derivative of a picture by `path` that of the picture?",
     "gradient_prb": "is the derivative of a picture by `prb` that of the picture?",
     "gradient_direct": "is the derivative of a picture by `direct` that of the picture?",
+    "gradient_effects": "is the derivative of a picture by `effects` that of the picture?",
+    "gradient_raytree": "is the derivative of a picture by `raytree` that of the picture?",
     "finite": "is everything finite and nothing negative, for hostile inputs?",
     "peak": "does the maximum of a glossy lobe leave the mirror direction at grazing incidence?",
 }

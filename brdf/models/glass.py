@@ -10,6 +10,9 @@ from .. import fresnel, geometry
 from ..model import Ideal, Lobe, Model, Values
 from ..param import colour, number
 
+#: Why a derivative along paths is not that of a picture with borders in it.
+EDGES = "borders of lamps and shadows seen through it move with eta, which no derivative along a path sees"
+
 
 class Glass(Model):
     """A ray is split in two: ``specular_reflectance F`` is mirrored, ``specular_transmittance (1 - F)`` refracted.
@@ -56,6 +59,8 @@ class Glass(Model):
         return {
             "gradient_path": "path cuts the derivative of the refracted direction, which moves with eta",
             "gradient_prb": "prb takes derivatives from eval, which is 0 for an ideal lobe: it finds none, and raises",
+            "gradient_effects": EDGES,
+            "gradient_raytree": EDGES,
         }
 
 

@@ -20,7 +20,7 @@ from brdf.checks.result import Finding, at_most, not_asked, plain, worst_paramet
 
 from .render_worker import Request
 
-INTEGRATORS = ("path", "prb", "direct")
+INTEGRATORS = ("path", "prb", "direct", "effects", "raytree")
 #: Pictures of each kind, and again as many times this if something seems wrong.
 SEEDS, AGAIN = 8, 2
 #: The relative error allowed: the differences are over 2 % of a parameter, and off by the square of that.
