@@ -78,7 +78,9 @@ def integrator_class(name: str, cells: str) -> type[Any]:
 
         def prepared(self, scene: mi.Scene) -> tuple[Any, ...]:
             """What the scene holds, and its lights; looked up once a scene."""
-            if not self.seen or self.seen[0] is not scene:
+            # not the scene itself: that may own this integrator, and neither would ever be freed
+            held = (*scene.shapes(), *scene.emitters())
+            if not self.seen or [o.ptr for o in held] != [o.ptr for o in self.seen[0]]:
                 with dr.suspend_grad():
                     found = contents(scene)
                     possible = found.possible(self.max_depth)
@@ -87,7 +89,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                     switches = Switches.of(self.cells, possible, found.rows)
                     wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
-                    self.seen = (scene, found, switches, (points, Lights(scene, wanted)))
+                    self.seen = (held, found, switches, (points, Lights(scene, wanted)))
             return self.seen[1:]
 
         def sample(

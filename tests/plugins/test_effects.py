@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import mitsuba as mi
@@ -225,6 +227,30 @@ def test_variants(name: str) -> None:
     plugins.register()
     scene = mi.load_dict(scenes.glass_mirror())
     assert_same_mean(runs(scene, effects(5), 0), runs(scene, path(5), 1000))
+
+
+def test_another_scene() -> None:
+    """One integrator for two scenes, in turns."""
+    integrator = mi.load_dict(effects(3))
+    loaded = [mi.load_dict(make()) for make in (scenes.one_point, scenes.area_mirror)]
+    first, second, again, alone = (
+        np.array(mi.render(scene, integrator=i, spp=4))
+        for scene, i in [(s, integrator) for s in (*loaded, loaded[0])] + [(loaded[1], mi.load_dict(effects(3)))]
+    )
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(second, alone)
+
+
+def test_scene_is_freed() -> None:
+    """An integrator that belongs to a scene does not keep it in memory."""
+    made = scenes.many_lamps()
+    made["integrator"] = effects(3)
+    scene = mi.load_dict(made)
+    mi.render(scene, spp=1)
+    ours = weakref.ref(scene.integrator())
+    del scene
+    gc.collect()
+    assert ours() is None
 
 
 def test_media_are_refused() -> None:
