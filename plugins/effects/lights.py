@@ -84,9 +84,11 @@ def mis(mine: Any, other: Any) -> Any:
     return dr.select(mine > 0, dr.select(dr.isfinite(weight), weight, 1), 0)
 
 
-def moved(p: Any, fixed: Any, n: Any) -> Any:
-    """The solid angle of a fixed piece of surface, seen from `p`, over what it is now: 1, with its derivative."""
-    to = fixed - p
+def moved(to: Any, n: Any) -> Any:
+    """The solid angle of a fixed piece of surface in the direction `to`, over what it is now: 1, with its derivative.
+
+    `to` leads from where it is seen to where it is, not zero; `n` is its normal.
+    """
     distance2 = dr.squared_norm(to)
     solid = dr.abs(dr.dot(to, n)) / (distance2 * dr.sqrt(distance2))
     now = dr.detach(solid)
