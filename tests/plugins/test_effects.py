@@ -12,6 +12,7 @@ import pytest
 
 import plugins
 from brdf import DataError, NoBackend, UsageError
+from plugins.effects import pilot
 from plugins.effects.table import CELLS
 from tests.plugins import effects_scenes as scenes
 from tests.plugins.effects_statistics import assert_same_mean, runs
@@ -151,6 +152,22 @@ def test_mirror_alone_shows_everything() -> None:
     assert_same_mean(alone, layers(runs(scene, effects(5, layers=True), 1000))["mirror.indirect"])
 
 
+def test_tolerance() -> None:
+    """What a pilot finds to be worth little is left out, and the error is as small as was asked."""
+    scene = mi.load_dict(scenes.all_cells())
+    integrator = mi.load_dict(effects(5, tolerance=0.1))
+    some = np.mean([mi.render(scene, integrator=integrator, spp=256, seed=i) for i in range(4)], axis=0)
+    assert integrator.dropped
+    assert integrator.dropped < set(CELLS)
+    exact = mi.load_dict(effects(5))
+    whole = np.mean([mi.render(scene, integrator=exact, spp=256, seed=9 + i) for i in range(4)], axis=0)
+    noise = np.mean([mi.render(scene, integrator=exact, spp=256, seed=99 + i) for i in range(4)], axis=0)
+    white = pilot.white_of({"": whole})
+    error, floor = pilot.difference(whole, some, white), pilot.difference(whole, noise, white)
+    assert floor < error
+    assert error**2 - floor**2 < 0.1**2  # noise counts as an error, the same in both
+
+
 def test_classic_has_no_indirect_light() -> None:
     scene = mi.load_dict(scenes.all_cells())
     picture = np.array(mi.render(scene, integrator=mi.load_dict(effects(5, cells="classic", layers=True)), spp=4))
@@ -206,6 +223,7 @@ def test_blend_of_mirror_and_diffuse() -> None:
         ({"max_depth": -2}, "from -1 on"),
         ({"threshold": -0.1}, "from 0 on"),
         ({"rr_depth": 0}, "from 1 on"),
+        ({"cells": "classic", "tolerance": 0.1}, "for cells = auto"),
         ({"layers": "yes"}, "takes a <boolean>"),
     ],
 )
