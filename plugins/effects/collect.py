@@ -95,11 +95,11 @@ def sample_lamps(w: Settings, s: State, si: Any, sampler: Any, fresh: Any, at: A
             lit = at & (ds.pdf > 0) & dr.any(weight != 0)
             lit &= ~w.scene.ray_test(still.spawn_ray_to(ds.p), lit)
         if w.attached:
-            infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
-            to = ds.p - si.p
-            ds.d = dr.replace_grad(ds.d, dr.select(infinite, ds.d, dr.normalize(to)))
+            near = lit & ~mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+            to = dr.select(near, ds.p - si.p, ds.d)
+            ds.d = dr.replace_grad(ds.d, dr.normalize(to))
             again = emitter.eval_direction(si, ds, lit) / dr.select(ds.pdf > 0, ds.pdf, 1)
-            weight = again * dr.select(infinite | ~lit, 1, moved(si.p, ds.p, ds.n))
+            weight = again * dr.select(near, moved(to, ds.n), 1)
         out.append(Lamp(ds, weight, lit, si.to_local(ds.d), columns))
     return out
 

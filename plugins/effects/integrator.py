@@ -12,7 +12,8 @@ classic ray tracer does. Properties, all optional:
 - ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at
   least this part of the light at the eye. Below, one is chosen at random (``prune = random``), which is unbiased, or
   what is weaker is left out (``prune = cut``).
-- ``tolerance`` (float, 0): what may be left out; the integrator keeps it for those who ask it.
+- ``tolerance`` (float, 0), for ``cells = auto``: cells are left out that a pilot, at the first picture of a scene,
+  finds to change a pixel by less than this part of it together (see `pilot.droppable`). What it dropped: `dropped`.
 
 Derivatives are those of the light along each path: directions and positions follow through mirrors and glass; beyond
 a diffuse or glossy surface, the point that is met is held. Edges are not followed: where a shadow, or a lamp without a
@@ -29,8 +30,10 @@ import mitsuba as mi
 
 from brdf import NoBackend, UsageError
 
+from . import pilot
 from .cells import Switches, layer_names
 from .contents import contents
+from .inventory import take
 from .lights import Lights
 from .state import Settings, column_of
 from .table import CELLS, SUMMED, called_for, parse, plan
@@ -63,6 +66,10 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             layers, parts = (flag(name, props, key) for key in ("layers", "parts"))
             self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
+            self.piloted: tuple[Any, ...] = ()
+            self.dropped: frozenset[str] = frozenset()
+            if self.tolerance > 0 and text.strip() != "auto":
+                raise UsageError(f"{name}: tolerance is for cells = auto, not for {text!r}. Leave one of them out.")
 
         def aov_names(self) -> list[str]:
             return [f"{cell}.{c}" for cell in self.names for c in "RGB"]
@@ -76,18 +83,42 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 f"rr_depth = {self.rr_depth}, threshold = {self.threshold:g}, prune = {self.prune}]"
             )
 
+        def render(
+            self,
+            scene: mi.Scene,
+            sensor: Any = 0,
+            seed: Any = 0,
+            spp: int = 0,
+            develop: bool = True,
+            evaluate: bool = True,
+        ) -> Any:
+            if self.tolerance > 0 and not same(parts_of(scene), self.piloted):
+                camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+                with dr.suspend_grad():
+                    self.dropped = self.pilot(scene, camera)
+                self.piloted, self.seen = (parts_of(scene),), ()
+            return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
+
+        def pilot(self, scene: mi.Scene, sensor: Any) -> frozenset[str]:
+            """The cells that a few small pictures find to be worth less than the tolerance, together."""
+            same_paths = {"max_depth": self.max_depth, "rr_depth": self.rr_depth, "hide_emitters": self.hide_emitters}
+            layers = mi.load_dict({"type": name, **same_paths, "layers": True, "parts": True})
+            found = pilot.run(pilot.rendered(layers, sensor), scene)
+            return pilot.droppable(found, self.tolerance, take(scene).caustics).cells
+
         def prepared(self, scene: mi.Scene) -> tuple[Any, ...]:
             """What the scene holds, and its lights; looked up once a scene."""
-            if not self.seen or self.seen[0] is not scene:
+            held = parts_of(scene)
+            if not same(held, self.seen):
                 with dr.suspend_grad():
                     found = contents(scene)
                     possible = found.possible(self.max_depth)
                     if self.planned:
                         possible &= called_for(plan(scene, self.max_depth))
-                    switches = Switches.of(self.cells, possible, found.rows)
+                    switches = Switches.of(self.cells - self.dropped, possible, found.rows)
                     wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
-                    self.seen = (scene, found, switches, (points, Lights(scene, wanted)))
+                    self.seen = (held, found, switches, (points, Lights(scene, wanted)))
             return self.seen[1:]
 
         def sample(
@@ -124,6 +155,16 @@ def integrator_class(name: str, cells: str) -> type[Any]:
 
     Effects.__name__ = Effects.__qualname__ = name
     return Effects
+
+
+def parts_of(scene: mi.Scene) -> tuple[Any, ...]:
+    """By what a scene is known again. Not by itself: it may own the integrator, and neither would ever be freed."""
+    return (*scene.shapes(), *scene.emitters())
+
+
+def same(held: tuple[Any, ...], known: tuple[Any, ...]) -> bool:
+    """Whether the first of `known` has the same parts: they are held, so that no others can take their places."""
+    return bool(known) and [o.ptr for o in held] == [o.ptr for o in known[0]]
 
 
 def rgb(value: Any, wavelengths: Any) -> Any:

@@ -40,8 +40,7 @@ class Lights:
         if len(self.emitters) == 1:
             ds, weight = self.emitters[0].sample_direction(si, point, active)
             return ds, weight, self.emitters[0]
-        chosen: Any = self.distribution.sample_pmf(number, active)
-        index, chance = chosen
+        index, chance = self.distribution.sample_pmf(number, active)
         place: Any = dr.gather(mi.UInt32, self.place, index, active)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, place, active)
         ds, weight = emitter.sample_direction(si, point, active)
@@ -53,7 +52,8 @@ class Lights:
         if len(self.emitters) == 1:
             mine = self.emitters[0]
             return dr.select(active, mine.pdf_direction(reference, ds, active), 0)
-        chance = dr.gather(mi.Float, self.table, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
+        key: Any = dr.reinterpret_array(mi.UInt32, ds.emitter)
+        chance = dr.gather(mi.Float, self.table, key, active)
         return dr.select(active, ds.emitter.pdf_direction(reference, ds, active) * chance, 0)
 
 
@@ -84,9 +84,11 @@ def mis(mine: Any, other: Any) -> Any:
     return dr.select(mine > 0, dr.select(dr.isfinite(weight), weight, 1), 0)
 
 
-def moved(p: Any, fixed: Any, n: Any) -> Any:
-    """The solid angle of a fixed piece of surface, seen from `p`, over what it is now: 1, with its derivative."""
-    to = fixed - p
+def moved(to: Any, n: Any) -> Any:
+    """The solid angle of a fixed piece of surface in the direction `to`, over what it is now: 1, with its derivative.
+
+    `to` leads from where it is seen to where it is, not zero; `n` is its normal.
+    """
     distance2 = dr.squared_norm(to)
     solid = dr.abs(dr.dot(to, n)) / (distance2 * dr.sqrt(distance2))
     now = dr.detach(solid)

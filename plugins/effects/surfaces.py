@@ -134,7 +134,8 @@ def attach(w: Settings, spread: Branch, share: Any, bsdf: Any, si: Any, young: A
     still = dr.detach(si)
     met = dr.detach(w.scene.ray_intersect(still.spawn_ray(world), mi.RayFlags.Minimal, coherent=False, active=on))
     hit = on & met.is_valid()
-    world = dr.replace_grad(world, dr.select(hit, dr.normalize(met.p - si.p), world))
+    to = dr.select(hit, met.p - si.p, world)
+    world = dr.replace_grad(world, dr.normalize(to))
 
     def again(bsdf: Any, si: Any, wo: Any, young: Any, active: Any) -> Any:
         if not bsdf.flags() & w.smooth:
@@ -147,7 +148,7 @@ def attach(w: Settings, spread: Branch, share: Any, bsdf: Any, si: Any, young: A
         return f, mi.Spectrum(1)
 
     f, share = of_each(w, bsdf, again, si, si.to_local(world), young, on)
-    f = f / dr.select(on, spread.pdf, 1) * dr.select(hit, moved(si.p, met.p, met.n), 1)
+    f = f / dr.select(on, spread.pdf, 1) * dr.select(hit, moved(to, met.n), 1)
     spread.weight = dr.select(on, f, spread.weight)
     spread.direction = dr.select(spread.null, si.to_world(spread.direction), world)
     return share

@@ -1,4 +1,4 @@
-"""One derivative through `effects`, by itself in a process: ``python -m tests.plugins.effects_gradient NAME [INTEGRATOR]``.
+"""One derivative through `effects`, by itself in a process: ``python -m tests.plugins.effects_gradient NAME|fit [INTEGRATOR]``.
 
 After an exception in a derivative a process is not to be trusted; and each case has kernels of its own. The derivative of
 a weighted mean of the picture, in reverse and forward mode, against central differences with common random numbers.
@@ -109,9 +109,31 @@ def measure(name: str, integrator: str = "effects") -> dict[str, list[float]]:
     return out
 
 
+def fit(integrator: str = "effects") -> list[float]:
+    """The index of a glass ball from its picture under a sky, by Adam: values by iteration, from 1.2; the truth is 1.5."""
+    made, key, depth = scene_of("glass eta, sky")
+    scene = mi.load_dict(made)
+    params = mi.traverse(scene)
+    reference = mi.render(scene, integrator=mi.load_dict({"type": "path", "max_depth": depth}), spp=1024, seed=777)
+    tracer = mi.load_dict({"type": integrator, "max_depth": depth})
+    optimiser = mi.ad.Adam(lr=0.02)
+    optimiser[key] = mi.Float(1.2)
+    params.update(optimiser)
+    out = []
+    for i in range(80):
+        image = mi.render(scene, params, integrator=tracer, spp=16, seed=i)
+        # relative, but for what is nearly black
+        dr.backward(dr.mean(dr.square((image - reference) / (reference + 0.1)), axis=None))
+        optimiser.step()
+        optimiser[key] = dr.clip(optimiser[key], 1.01, 3)
+        params.update(optimiser)
+        out.append(float(optimiser[key][0]))
+    return out
+
+
 if __name__ == "__main__":
     mi.set_variant("llvm_ad_rgb")
     import plugins
 
     plugins.register()
-    print(json.dumps(measure(*sys.argv[1:])))
+    print(json.dumps({"values": fit(*sys.argv[2:])} if sys.argv[1] == "fit" else measure(*sys.argv[1:])))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import mitsuba as mi
@@ -10,6 +12,7 @@ import pytest
 
 import plugins
 from brdf import DataError, NoBackend, UsageError
+from plugins.effects import pilot
 from plugins.effects.table import CELLS
 from tests.plugins import effects_scenes as scenes
 from tests.plugins.effects_statistics import assert_same_mean, runs
@@ -149,6 +152,22 @@ def test_mirror_alone_shows_everything() -> None:
     assert_same_mean(alone, layers(runs(scene, effects(5, layers=True), 1000))["mirror.indirect"])
 
 
+def test_tolerance() -> None:
+    """What a pilot finds to be worth little is left out, and the error is as small as was asked."""
+    scene = mi.load_dict(scenes.all_cells())
+    integrator = mi.load_dict(effects(5, tolerance=0.1))
+    some = np.mean([mi.render(scene, integrator=integrator, spp=256, seed=i) for i in range(4)], axis=0)
+    assert integrator.dropped
+    assert integrator.dropped < set(CELLS)
+    exact = mi.load_dict(effects(5))
+    whole = np.mean([mi.render(scene, integrator=exact, spp=256, seed=9 + i) for i in range(4)], axis=0)
+    noise = np.mean([mi.render(scene, integrator=exact, spp=256, seed=99 + i) for i in range(4)], axis=0)
+    white = pilot.white_of({"": whole})
+    error, floor = pilot.difference(whole, some, white), pilot.difference(whole, noise, white)
+    assert floor < error
+    assert error**2 - floor**2 < 0.1**2  # noise counts as an error, the same in both
+
+
 def test_classic_has_no_indirect_light() -> None:
     scene = mi.load_dict(scenes.all_cells())
     picture = np.array(mi.render(scene, integrator=mi.load_dict(effects(5, cells="classic", layers=True)), spp=4))
@@ -204,6 +223,7 @@ def test_blend_of_mirror_and_diffuse() -> None:
         ({"max_depth": -2}, "from -1 on"),
         ({"threshold": -0.1}, "from 0 on"),
         ({"rr_depth": 0}, "from 1 on"),
+        ({"cells": "classic", "tolerance": 0.1}, "for cells = auto"),
         ({"layers": "yes"}, "takes a <boolean>"),
     ],
 )
@@ -225,6 +245,30 @@ def test_variants(name: str) -> None:
     plugins.register()
     scene = mi.load_dict(scenes.glass_mirror())
     assert_same_mean(runs(scene, effects(5), 0), runs(scene, path(5), 1000))
+
+
+def test_another_scene() -> None:
+    """One integrator for two scenes, in turns."""
+    integrator = mi.load_dict(effects(3))
+    loaded = [mi.load_dict(make()) for make in (scenes.one_point, scenes.area_mirror)]
+    first, second, again, alone = (
+        np.array(mi.render(scene, integrator=i, spp=4))
+        for scene, i in [(s, integrator) for s in (*loaded, loaded[0])] + [(loaded[1], mi.load_dict(effects(3)))]
+    )
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(second, alone)
+
+
+def test_scene_is_freed() -> None:
+    """An integrator that belongs to a scene does not keep it in memory."""
+    made = scenes.many_lamps()
+    made["integrator"] = effects(3)
+    scene = mi.load_dict(made)
+    mi.render(scene, spp=1)
+    ours = weakref.ref(scene.integrator())
+    del scene
+    gc.collect()
+    assert ours() is None
 
 
 def test_media_are_refused() -> None:
