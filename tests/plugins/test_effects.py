@@ -213,6 +213,17 @@ def test_blend_of_mirror_and_diffuse() -> None:
     assert theirs < 0.5
 
 
+def test_from_xml() -> None:
+    text = """<integrator version="3.0.0" type="{}"><integer name="max_depth" value="4"/>
+        <string name="cells" value="diffuse.point, mirror.area"/><boolean name="layers" value="true"/>{}</integrator>"""
+    for name in ("effects", "raytree"):
+        made = str(mi.load_string(text.format(name, "")))
+        assert made.startswith(f"{name}[cells = diffuse.point mirror.area, max_depth = 4,")
+    with pytest.raises(RuntimeError, match="cels"):
+        mi.load_string(text.format("effects", '<string name="cels" value="all"/>'))
+    assert str(mi.load_dict({"type": "raytree"})) != str(mi.load_dict({"type": "effects"}))
+
+
 @pytest.mark.parametrize(
     ("properties", "said"),
     [

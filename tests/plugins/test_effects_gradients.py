@@ -57,6 +57,15 @@ def test_derivative(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["glass eta, wall", "glass eta, sky"])
+def test_derivative_through_raytree(name: str) -> None:
+    """Of what it simulates: no indirect light."""
+    found = measured(name, "raytree")
+    z, noise = distance(found)
+    assert abs(z) < 4, f"{name}: {z:.1f} standard errors, each {100 * noise:.1f} %"
+
+
+@pytest.mark.slow
 def test_fit_of_glass() -> None:
     """From 1.2 to the truth, 1.5, within 1 %; with the derivatives of `path` it goes elsewhere."""
     ours, theirs = (np.mean(measured("fit", integrator)["values"][-20:]) for integrator in ("effects", "path"))
