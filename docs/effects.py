@@ -1,4 +1,4 @@
-"""Draw what a scene calls for, and print what simulating nothing else is worth: ``.venv/bin/python docs/effects.py``."""
+"""Draw what a scene calls for, or print what simulating nothing else saves: ``.venv/bin/python docs/effects.py``."""
 
 from __future__ import annotations
 
@@ -108,11 +108,11 @@ def cells() -> Figure:
     camera = loaded.scene.sensors()[0]
     plan = planning.static(loaded)
     layers, _ = planning.with_effects(loaded, camera, plan)
-    found = {name: y for name, y in layers(loaded.scene, LAYERS_SPP, 0, 256).items() if name in table.CELLS}
+    found = planning.by_cell(layers(loaded.scene, LAYERS_SPP, 0, 256))
     white = pilot.white_of(found)
     height = 6.9
     figure = card(height)
-    side, gap = 0.215, 0.012
+    side, gap = 0.21, 0.012
     for c, column in enumerate(table.COLUMNS):
         heading(figure, 0.1 + (side + gap) * c + side / 2, column, 0.955)
     for r, row in enumerate(table.ROWS):

@@ -185,6 +185,15 @@ def choose(
     return settings, about
 
 
+def by_cell(layers: Layers) -> dict[str, npt.NDArray[Any]]:
+    """The layers of the cells; the parts of what mirrors show are added up."""
+    out: dict[str, npt.NDArray[Any]] = {}
+    for name, y in layers.items():
+        cell = name.split("/")[0]
+        out[cell] = out[cell] + y if cell in out else y
+    return out
+
+
 def in_order(cells: frozenset[str]) -> list[str]:
     """Cells as a list, in the order of the table."""
     return [name for name in table.CELLS if name in cells]
@@ -205,4 +214,4 @@ def with_effects(
             np.array(mi.render(loaded.scene, sensor=sensor, integrator=some[cells], spp=pilot.SPP))
             return time.perf_counter() - start
 
-    return pilot.rendered(mi.load_dict({**settings, "layers": True}), sensor), seconds
+    return pilot.rendered(mi.load_dict({**settings, "layers": True, "parts": True}), sensor), seconds

@@ -71,7 +71,7 @@ def command(
         if out is not None:
             from ..report import plan as page
 
-            pictures = layers(loaded.scene, planning.PICTURE_SPP, seed, planning.PICTURE_SIZE)
+            pictures = planning.by_cell(layers(loaded.scene, planning.PICTURE_SPP, seed, planning.PICTURE_SIZE))
             page.write(plan, pictures, out)
             plan["out"] = str(out)
     if as_json:
