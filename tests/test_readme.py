@@ -64,9 +64,9 @@ def value(folder: Path, name: str) -> float:
     return json.loads((folder / "fit.json").read_text())["parameters"][name]["value"]
 
 
-MAKE, PAINT, MOON, CHECK, HARD = blocks("sh")
+MAKE, PAINT, MOON, CHECK, HARD, EFFECTS = blocks("sh")
 USE, MODEL, REGISTER, TESTED, EXACT = blocks("python")
-SCENE, DUST, VASES = blocks("xml")
+SCENE, DUST, VASES, INTEGRATOR = blocks("xml")
 
 
 def test_what_make_does() -> None:
@@ -190,6 +190,22 @@ def test_hard_cases(tmp_path: Path) -> None:
         assert model["non_finite"] == 0
         assert model["reciprocal"] is not False
     assert "roughdielectric, reflection" in said
+
+
+def test_only_what_a_scene_calls_for(tmp_path: Path) -> None:
+    """Each line, the scenes being in the repository; and every property of the integrator is one."""
+    (tmp_path / "plugins").symlink_to(REPOSITORY / "plugins")
+    said = shell(EFFECTS, tmp_path)
+    assert "Left out as asked: diffuse.indirect." in said
+    assert {path.name for path in tmp_path.iterdir()} == {"plugins", "plan.html", "glass.exr", "cornell.exr"}
+    (tmp_path / "integrator.xml").write_text(INTEGRATOR.replace(">", ' version="3.0.0">', 1))
+    code = """
+import plugins, mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+plugins.register()
+print(mi.load_file("integrator.xml"))
+"""
+    assert "max_depth = 8" in python(code, tmp_path)
 
 
 def test_an_exact_formula(tmp_path: Path) -> None:
