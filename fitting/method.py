@@ -60,8 +60,8 @@ def why_rendered(scene: mi.Scene, sensors: Iterable[mi.Sensor]) -> str | None:
 def rendering(scene: mi.Scene) -> mi.Integrator:
     """The integrator that predicts pictures: `effects` in place of those of Mitsuba that render the same, else its own.
 
-    It has less noise where there are several lights, glass or mirrors, and its derivatives are right where theirs are
-    not: `path` is wrong in the index of glass, `prb` in that of a glaze.
+    It has less noise where there are several lights, glass or mirrors; and of glass, `path` has wrong derivatives and
+    `prb` none.
     """
     own: Any = scene.integrator()
     kind = kind_of(own)

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from brdf import DataError, Lobe, UsageError, llvm
+from brdf import DataError, UsageError, llvm
 from plugins import scene as scenes
 
 from . import finish, samples, starts, uncertainty
@@ -394,15 +394,15 @@ def sharpen(run: Run) -> None:
 def differenced(parameters: Parameters, integrator: mi.Integrator) -> list[int]:
     """Components whose derivatives are taken from differences, with common random numbers.
 
-    Those of models that declare that this integrator gives a wrong gradient in them, or none. And of models that
-    refract: what is seen through glass moves with its index, by far the most next to its edge; a difference costs a
-    tenth of such a derivative, and what it evens out a step of the solver is longer than anyway.
+    Through `effects` all: differences see the edges that move in glass and mirrors, which no derivative along a path
+    does, and take a fraction of its time. Through another integrator those of models that declare that it gives a wrong
+    gradient in them, or none.
     """
     kind = kind_of(integrator)
     out = []
     for i, f in enumerate([free for free in parameters.free for _ in range(free.size)]):
         model = getattr(f.material.bsdf, "model", None)
-        if model is not None and (f"gradient_{kind}" in model.faults() or Lobe.REFRACTION in model.lobes):
+        if kind == "effects" or (model is not None and f"gradient_{kind}" in model.faults()):
             out.append(i)
     return out
 

@@ -27,7 +27,7 @@ class Half(Model):
     params = (number("grey", 0.5, (0.0, 1.0), "albedo", scale="logit"),)
 
     def faults(self) -> dict[str, str]:
-        return dict.fromkeys(("gradient_path", "gradient_effects"), "half of it is detached")
+        return {"gradient_path": "half of it is detached"}
 
     def f(self, p: Any, wi: Any, wo: Any) -> Any:
         return (0.5 * dr.inv_pi * (p.grey + dr.detach(p.grey)),)
