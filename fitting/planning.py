@@ -91,7 +91,7 @@ def measured(
     found = pilot.run(layers, scene, seed=seed)
     light = pilot.shares(found)
     called = [name for name, cell in plan["cells"].items() if cell["called_for"]]
-    spent = pilot.times(seconds, called)
+    spent = pilot.times(seconds, called) if called else {}
     cells = {}
     for name, cell in plan["cells"].items():
         share, error = light[name], pilot.drop_error(found, {name})
@@ -117,7 +117,7 @@ def measured(
 def calls(plan: dict[str, Any]) -> int:
     """How often `measured` calls one of its functions."""
     called = sum(cell["called_for"] for cell in plan["cells"].values())
-    return pilot.RUNS + (pilot.REPEATS + 1) * (called + 1 if called > 1 else 1)
+    return pilot.RUNS + (pilot.REPEATS + 1) * (called + 1 if called > 1 else called)
 
 
 def effects(loaded: Scene, max_depth: int) -> dict[str, Any]:
@@ -161,7 +161,7 @@ def choose(
     settings = effects(loaded, plan["max_depth"])
     called = frozenset(name for name, cell in plan["cells"].items() if cell["called_for"])
     kept = table.parse(asked) & called
-    if not kept:
+    if called and not kept:
         raise UsageError(f"the scene calls for none of these cells. It calls for: {', '.join(in_order(called))}.")
     missing, dropped, error, white = called - kept, frozenset[str](), None, None
     optional = asked == "auto" and tolerance > 0 and samples >= PILOT_PAYS
@@ -173,7 +173,7 @@ def choose(
             dropped = pilot.droppable(found, tolerance, inventory.take(loaded.scene).caustics).cells & kept
         if missing | dropped:
             error = pilot.drop_error(found, missing | dropped)
-    settings["cells"] = ",".join(in_order(kept - dropped))
+    settings["cells"] = ",".join(in_order(kept - dropped)) or "all"  # of a scene without light: a black picture
     about = {
         "rendered": in_order(kept - dropped),
         "left_out": in_order(missing),

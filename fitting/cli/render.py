@@ -85,6 +85,8 @@ def command(
 
     if variant not in mi.variants():
         raise UsageError(f"--variant {variant}: there is no such variant. There are: {', '.join(mi.variants())}.")
+    if effects is not None and not (variant.startswith("llvm") and "polarized" not in variant):
+        raise UsageError(f"--effects: the variant {variant} will not do. Take llvm_ad_rgb.")
     try:
         mi.set_variant(variant)
     except ImportError as error:

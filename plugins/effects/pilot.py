@@ -257,14 +257,20 @@ def shrunk(sensor: Any, size: int) -> Iterator[None]:
     keys = ("film.size", "film.crop_size", "film.crop_offset")
     before = {key: [int(n) for n in params[key]] for key in keys}
     factor = size / max(before["film.crop_size"])
+    # A crop that is rounded up may not leave the film.
+    whole = [max(round(n * factor), 1) for n in before["film.size"]]
+    offset = [min(round(n * factor), w - 1) for n, w in zip(before["film.crop_offset"], whole, strict=True)]
+    crop = [
+        min(max(round(n * factor), 1), w - o) for n, w, o in zip(before["film.crop_size"], whole, offset, strict=True)
+    ]
 
     def change(to: Mapping[str, list[int]]) -> None:
         for key, value in to.items():
             params[key] = type(params[key])(value)
         params.update()
 
-    change({key: [max(round(n * factor), key != keys[2]) for n in value] for key, value in before.items()})
     try:
+        change(dict(zip(keys, (whole, crop, offset), strict=True)))
         yield
     finally:
         change(before)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import mitsuba as mi
@@ -150,6 +151,7 @@ def test_an_interruption_keeps_what_is_there(small: dict[str, Path], monkeypatch
         (["--effects", "diffuse.aria"], UsageError.exit_code, "Did you mean diffuse.area?"),
         (["--effects", "all", "--tolerance", "0.1"], UsageError.exit_code, "--tolerance is for --effects auto"),
         (["--noise", "0"], UsageError.exit_code, "--noise 0: expected a number above 0"),
+        (["--effects", "auto", "--variant", "scalar_rgb"], UsageError.exit_code, "Take llvm_ad_rgb"),
         (["--noise", "nan"], UsageError.exit_code, "expected a number above 0"),
     ],
 )
@@ -161,6 +163,17 @@ def test_bad_input_is_one_line(
     assert said in ended.err
     assert ended.err.count("\n") == 1
     assert not (tmp_path / "x.exr").exists()
+
+
+@pytest.mark.parametrize("more", [["--effects", "auto"], ["--effects=-diffuse.indirect"], ["--effects", "classic"]])
+def test_no_light_is_a_black_picture(more: list[str], small: dict[str, Path], tmp_path: Path) -> None:
+    path, out = tmp_path / "dark.xml", tmp_path / "out.exr"
+    text = re.sub(r"<emitter type=\"point\".*?</emitter>", "", small["glass"].read_text(), flags=re.DOTALL)
+    assert "<emitter" not in text
+    path.write_text(text)
+    assert main(["render", str(path), "-o", str(out), "--spp", "4", *more]) == 0
+    assert not rgb(out).any()
+    assert main(["plan", str(path), "--pilot"]) == 0
 
 
 def test_a_medium_is_not_left_out(small: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -56,6 +56,8 @@ def test_effects_in_the_place_of_another(integrator: str, expected: tuple[str, i
 def test_others_are_left(tmp_path: Path) -> None:
     studio.use()
     own = '<integrator type="volpath"><integer name="max_depth" value="3"/></integrator>'
-    assert kind_of(rendering(mi.load_file(str(scene(tmp_path, GLASS, "v.xml", integrator=own))))) == "volumetricsimplepath"
+    assert (
+        kind_of(rendering(mi.load_file(str(scene(tmp_path, GLASS, "v.xml", integrator=own))))) == "volumetricsimplepath"
+    )
     fog = SKY + '<shape type="cube"><bsdf type="null"/><medium name="interior" type="homogeneous"/></shape>'
     assert kind_of(rendering(mi.load_file(str(scene(tmp_path, GLASS, "fog.xml", fog))))) == "path"

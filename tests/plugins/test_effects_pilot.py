@@ -248,3 +248,24 @@ def test_shares_of_the_time() -> None:
         calls.clear()
         assert pilot.times(seconds, "ab", repeats) == {"a": pytest.approx(0.25), "b": pytest.approx(0.5)}
     assert pilot.times(seconds, ["a"]) == {"a": 1.0}
+
+
+def test_a_small_picture_of_any_crop() -> None:
+    """It stays on the film, which is as it was afterwards; also after an exception."""
+    mi.set_variant("llvm_ad_rgb")
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        size = rng.integers(1, 300, 2)
+        offset = rng.integers(0, size)
+        crop = rng.integers(1, size - offset + 1)
+        film = dict(zip(("width", "height"), map(int, size), strict=True))
+        film |= {f"crop_offset_{a}": int(n) for a, n in zip("xy", offset, strict=True)}
+        film |= {f"crop_{a}": int(n) for a, n in zip(("width", "height"), crop, strict=True)}
+        sensor = mi.load_dict({"type": "perspective", "film": {"type": "hdrfilm", **film}})
+        before = [list(f) for f in (sensor.film().size(), sensor.film().crop_size(), sensor.film().crop_offset())]
+        with pytest.raises(KeyError), pilot.shrunk(sensor, 32):
+            assert 1 <= max(sensor.film().crop_size()) <= 32
+            raise KeyError
+        assert before == [
+            list(f) for f in (sensor.film().size(), sensor.film().crop_size(), sensor.film().crop_offset())
+        ]
