@@ -133,8 +133,8 @@ def fresnel_conductor(c: Any, s2: Any, eta: Any, k: Any) -> Any:
     modulus2 = t * t + product * product
     mirror = modulus2 <= vanishing * vanishing  # selected, not a floor: its derivative, masked by 0, would be infinite
     modulus = dr.sqrt(dr.select(mirror, 1, modulus2))
-    w = dr.sqrt(2 * (modulus + dr.select(positive, t, -t)))
-    ac = c * dr.select(positive, w, 2 * product / w)  # 2 a c
+    w2 = 2 * (modulus + dr.select(positive, t, -t))
+    ac = c * (dr.rsqrt(w2) * dr.select(positive, w2, 2 * product))  # 2 a c
     s = 1 / (modulus + c2 + ac)
     p = 1 / dr.maximum(modulus * c2 + s2 * (s2 + ac), vanishing)  # eta and k next to 0 at normal incidence
     rs = ((less * less + k2) * s) * ((more * more + k2) * s)
