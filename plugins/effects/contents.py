@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from .inventory import refuse_media, solid
 from .table import CELLS
+from .undivided import undivided
 
 #: Depths from which on a cell can have light: its shortest path, counted as `max_depth` counts.
 SHORTEST = {"emitter": 1, "mirror.area": 2, "mirror.environment": 2, "mirror.indirect": 3}
@@ -25,7 +26,9 @@ class Contents:
     columns: frozenset[str]
     """Which of point, area and environment there are."""
     flags: int
-    """All lobes of all surfaces, as Mitsuba's flags."""
+    """All lobes of all surfaces, as Mitsuba's flags; of those that are `undivided`, without the diffuse ones."""
+    undivided: tuple[Any, ...]
+    """The BSDFs that do not tell diffuse and glossy lobes apart."""
     thin: bool
     """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, a border."""
     masks: bool
@@ -91,9 +94,10 @@ def contents(scene: mi.Scene) -> Contents:
         bsdf = shape.bsdf()
         if bsdf is not None:
             bsdfs[bsdf.ptr] = bsdf
+    whole = tuple(bsdf for bsdf in bsdfs.values() if undivided(bsdf))
     found = 0
     for bsdf in bsdfs.values():
-        found |= int(bsdf.flags())
+        found |= int(bsdf.flags()) & ~(int(flags.Diffuse) if bsdf in whole else 0)
     points, others, columns = [], [], set()
     for emitter in scene.emitters():
         kind = emitter.flags()
@@ -110,6 +114,7 @@ def contents(scene: mi.Scene) -> Contents:
         others=tuple(others),
         columns=frozenset(columns),
         flags=found,
+        undivided=whole,
         thin=any(f & int(flags.Null) and not f & int(flags.Smooth) for f in lobes),
         masks=any("Mask[" in str(bsdf) for bsdf in bsdfs.values()),
         smooth=all(f & int(flags.Smooth) for f in lobes),

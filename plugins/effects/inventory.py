@@ -13,6 +13,7 @@ import numpy as np
 from brdf.errors import DataError
 
 from .convex import children, meets_itself
+from .undivided import undivided
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +141,14 @@ def solid(scene: mi.Scene) -> Iterator[tuple[Any, bool]]:
 
 
 def answer(bsdf: Any) -> tuple[bool, bool, bool]:
-    """Whether a BSDF has diffuse lobes, glossy ones, and ones of a single direction. Light that passes is none."""
+    """Whether a BSDF has diffuse lobes, glossy ones, and ones of a single direction. Light that passes is none.
+
+    One that is `undivided` has no diffuse ones: all of it counts as glossy.
+    """
     has, flags = int(bsdf.flags()), mi.BSDFFlags
     single = int(flags.DeltaReflection) | int(flags.DeltaTransmission)  # flags.Delta has Null in it as well
-    return bool(has & int(flags.Diffuse)), bool(has & int(flags.Glossy)), bool(has & single)
+    diffuse = bool(has & int(flags.Diffuse)) and not undivided(bsdf)
+    return diffuse, bool(has & int(flags.Glossy)), bool(has & single)
 
 
 def absorbs(bsdf: Any) -> bool:

@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from .lights import moved
 from .state import Branch, Settings
+from .undivided import Undivided
 
 
 class Together:
@@ -29,9 +30,23 @@ def of_each(w: Settings, bsdf: Any, function: Any, *arguments: Any) -> Any:
 
     Forward derivatives through ``dr.dispatch`` raise where the scene has a single BSDF (Dr.Jit 1.5.0).
     """
+    whole = w.contents.undivided
+
+    def wrapped(bsdf: Any, here: Any) -> Any:
+        return Undivided(bsdf, here, w.every, w.row.get("diffuse"), w.row["glossy"])
+
     if w.attached:
+        if whole:
+            here = mi.Bool(False)
+            for one in whole:
+                here |= bsdf == mi.BSDFPtr(one)
+            bsdf = wrapped(bsdf, here)
         return function(Together(bsdf, w.contents.flags), *arguments)
-    return dr.dispatch(bsdf, function, *arguments)
+
+    def call(bsdf: Any, *arguments: Any) -> Any:
+        return function(wrapped(bsdf, True) if bsdf in whole else bsdf, *arguments)
+
+    return dr.dispatch(bsdf, call if whole else function, *arguments)
 
 
 def answers(
@@ -111,7 +126,7 @@ def scatter(
 def ideal(w: Settings, bsdf: Any, si: Any, kind: Any, number: Any, point: Any, at: Any) -> Branch:
     """The branch of a mirror, or of light that goes through, with its whole weight."""
     bs, weight = bsdf.sample(kind, si, number, point, at)
-    right = at & (bs.pdf > 0)
+    right = at & (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)  # there are some that do not listen
     null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
     if kind is w.mirror:
         right &= ~null

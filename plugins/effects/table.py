@@ -5,8 +5,9 @@ y answers, the column how light arrives at y: straight from a point or direction
 environment, or from another surface, through glass and mirrors too (a caustic is indirect). If the eye sees y in a
 mirror or through glass, that is ``mirror.indirect``, whatever lights y; a mirrored lamp is ``mirror.area``, a mirrored
 sky ``mirror.environment``. A point light in a mirror has measure zero: the cell ``mirror.point`` is always empty. Lamp
-and sky seen directly are ``emitter``. Surfaces that light only passes (`null`, `mask`) do not count. The cells add up
-to the picture.
+and sky seen directly are ``emitter``. Surfaces that light only passes (`null`, `mask`) do not count. A BSDF
+that answers with all its lobes whichever are asked for, as `principled` and `principledthin` do, is glossy as a whole.
+The cells add up to the picture.
 """
 
 from __future__ import annotations
