@@ -5,7 +5,7 @@ classic ray tracer does. Properties, all optional:
 
 - ``cells`` (string): ``auto``, ``all``, ``classic``, or names of cells (see `table.parse`). What is not named leaves no
   code in the kernel, nor does what the scene does not call for. That is looked up once for each scene: after a change
-  of shapes or sensors, make a new integrator. With ``all`` it is not looked up.
+  of shapes or sensors, make a new integrator. (Colours may change, also from black.) With ``all`` it is not looked up.
 - ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
 - ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
   With ``parts`` as well, ``mirror.indirect`` is split by what is seen: ``mirror.indirect/diffuse.point.R`` and so on.
@@ -33,7 +33,7 @@ from brdf import NoBackend, UsageError
 from . import pilot
 from .cells import Switches, layer_names
 from .contents import contents
-from .inventory import take
+from .inventory import absorbing, absorbs, take
 from .lights import Lights
 from .state import Settings, column_of
 from .table import CELLS, SUMMED, called_for, parse, plan
@@ -66,6 +66,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             layers, parts = (flag(name, props, key) for key in ("layers", "parts"))
             self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
+            self.black: tuple[Any, ...] = ()
             self.piloted: tuple[Any, ...] = ()
             self.dropped: frozenset[str] = frozenset()
             if self.tolerance > 0 and text.strip() != "auto":
@@ -107,14 +108,18 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             return pilot.droppable(found, self.tolerance, take(scene).caustics).cells
 
         def prepared(self, scene: mi.Scene) -> tuple[Any, ...]:
-            """What the scene holds, and its lights; looked up once a scene."""
+            """What the scene holds, and its lights; looked up once a scene.
+
+            And again once something black is so no more, or its colour is being differentiated.
+            """
             held = parts_of(scene)
-            if not same(held, self.seen):
+            if not same(held, self.seen) or not all(absorbs(bsdf) for bsdf in self.black):
+                called = frozenset(CELLS)
+                if self.planned:  # with derivatives, which `absorbs` asks about
+                    called, self.black = called_for(plan(scene, self.max_depth)), absorbing(scene)
                 with dr.suspend_grad():
                     found = contents(scene)
-                    possible = found.possible(self.max_depth)
-                    if self.planned:
-                        possible &= called_for(plan(scene, self.max_depth))
+                    possible = found.possible(self.max_depth) & called
                     switches = Switches.of(self.cells - self.dropped, possible, found.rows)
                     wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)

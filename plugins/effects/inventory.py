@@ -94,6 +94,13 @@ def take(scene: mi.Scene) -> Inventory:
         It has a participating medium.
     """
     shapes = list(solid(scene))
+    black = absorbing(scene)
+    with dr.suspend_grad():
+        return listed(scene, shapes, black)
+
+
+def listed(scene: mi.Scene, shapes: list[tuple[Any, bool]], black: tuple[Any, ...]) -> Inventory:
+    """The inventory of these shapes, of which those with `black` BSDFs answer nothing."""
     refuse_media(scene, [shape for shape, _ in shapes])
     flags = mi.EmitterFlags
     emitters = [(emitter, int(emitter.flags())) for emitter in scene.emitters()]
@@ -103,7 +110,7 @@ def take(scene: mi.Scene) -> Inventory:
     alike: dict[tuple[bool, bool, bool, bool], list[tuple[Any, bool]]] = {}
     for shape, copied in shapes:
         bsdf = shape.bsdf()
-        if bsdf is not None and not absorbs(bsdf):
+        if bsdf is not None and bsdf not in black:
             lobes = answer(bsdf)
             if any(lobes):
                 alike.setdefault((*lobes, is_lamp(shape)), []).append((shape, copied))
@@ -149,6 +156,12 @@ def answer(bsdf: Any) -> tuple[bool, bool, bool]:
     single = int(flags.DeltaReflection) | int(flags.DeltaTransmission)  # flags.Delta has Null in it as well
     diffuse = bool(has & int(flags.Diffuse)) and not undivided(bsdf)
     return diffuse, bool(has & int(flags.Glossy)), bool(has & single)
+
+
+def absorbing(scene: mi.Scene) -> tuple[Any, ...]:
+    """The BSDFs that `absorbs` says are black now."""
+    bsdfs = {shape.bsdf().ptr: shape.bsdf() for shape, _ in solid(scene) if shape.bsdf() is not None}
+    return tuple(bsdf for bsdf in bsdfs.values() if absorbs(bsdf))
 
 
 def absorbs(bsdf: Any) -> bool:

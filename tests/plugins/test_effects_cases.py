@@ -123,3 +123,47 @@ def test_undivided_bsdfs_where_derivatives_are_taken() -> None:
     derivative, value = np.array(dr.grad(image), dtype=float), np.array(image, dtype=float)
     # two estimates of one mean: of 256 x 768 samples each
     assert abs(derivative.mean() / value.mean() - 1) < 0.02
+
+
+def black_floor() -> tuple[Any, Any, str]:
+    """The scene, its parameters, and the key of the colour of a black floor."""
+    floor = scenes.plane({"type": "diffuse", "reflectance": scenes.rgb(0)})
+    scene = mi.load_dict(
+        {"type": "scene", "sensor": scenes.camera(16), "floor": floor, "light": scenes.point(2, -3, 4, 30)}
+    )
+    return scene, mi.traverse(scene), "floor.bsdf.reflectance.value"
+
+
+def test_black_that_is_given_a_colour() -> None:
+    """By one integrator: as by another that never saw it black."""
+    scene, params, key = black_floor()
+    integrator = mi.load_dict(effects(3))
+    assert not np.any(np.array(mi.render(scene, integrator=integrator, spp=4)))
+    params[key] = mi.Color3f(0.5)
+    params.update()
+    expected = np.array(mi.render(scene, integrator=mi.load_dict(effects(3)), spp=4))
+    assert expected.mean() > 0
+    np.testing.assert_array_equal(np.array(mi.render(scene, integrator=integrator, spp=4)), expected)
+
+
+def test_derivative_at_black() -> None:
+    """The picture is linear in the colour: the derivative at 0 is twice the picture at a half; in both modes."""
+    scene, params, key = black_floor()
+    params[key] = mi.Color3f(0.5)
+    params.update()
+    half = float(np.array(mi.render(scene, integrator=mi.load_dict(effects(2)), spp=256, seed=5)).mean())
+    integrator = mi.load_dict(effects(2))
+    for mode in ("reverse", "forward"):
+        t = mi.Float(0)
+        dr.enable_grad(t)
+        params[key] = mi.Color3f(t)
+        params.update()
+        value = dr.mean(mi.render(scene, params, integrator=integrator, spp=256, seed=1), axis=None)
+        if mode == "reverse":
+            dr.backward(value)
+            found = float(dr.grad(t)[0])
+        else:
+            dr.forward(t)
+            found = float(dr.grad(value).array[0])
+        # one light, summed: noise is that of the hit points within a pixel
+        np.testing.assert_allclose(found, 2 * half, rtol=1e-2)
