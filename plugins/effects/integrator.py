@@ -42,6 +42,8 @@ from .walk import run
 #: Below this part of the light at the eye, one branch of glass is followed, not both.
 THRESHOLD = 0.01
 PRUNE = ("random", "cut")
+#: The sensors where rays come from elsewhere than `render`.
+UNKNOWN = (None,)
 
 
 def integrator_class(name: str, cells: str) -> type[Any]:
@@ -67,6 +69,7 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
             self.black: tuple[Any, ...] = ()
+            self.sensors: tuple[Any, ...] = UNKNOWN
             self.piloted: tuple[Any, ...] = ()
             self.dropped: frozenset[str] = frozenset()
             if self.tolerance > 0 and text.strip() != "auto":
@@ -93,12 +96,17 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             develop: bool = True,
             evaluate: bool = True,
         ) -> Any:
+            camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             if self.tolerance > 0 and not same(parts_of(scene), self.piloted):
-                camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
                 with dr.suspend_grad():
                     self.dropped = self.pilot(scene, camera)
                 self.piloted, self.seen = (parts_of(scene),), ()
-            return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
+            own = scene.sensors()
+            self.sensors = (*own, camera) if camera not in own else tuple(own)
+            try:
+                return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
+            finally:
+                self.sensors = UNKNOWN
 
         def pilot(self, scene: mi.Scene, sensor: Any) -> frozenset[str]:
             """The cells that a few small pictures find to be worth less than the tolerance, together."""
@@ -112,11 +120,11 @@ def integrator_class(name: str, cells: str) -> type[Any]:
 
             And again once something black is so no more, or its colour is being differentiated.
             """
-            held = parts_of(scene)
+            held = (*parts_of(scene), *(sensor for sensor in self.sensors if sensor is not None))
             if not same(held, self.seen) or not all(absorbs(bsdf) for bsdf in self.black):
                 called = frozenset(CELLS)
                 if self.planned:  # with derivatives, which `absorbs` asks about
-                    called, self.black = called_for(plan(scene, self.max_depth)), absorbing(scene)
+                    called, self.black = called_for(plan(scene, self.max_depth, sensors=self.sensors)), absorbing(scene)
                 with dr.suspend_grad():
                     found = contents(scene)
                     possible = found.possible(self.max_depth) & called

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,8 +85,13 @@ class Inventory:
         )
 
 
-def take(scene: mi.Scene) -> Inventory:
+def take(scene: mi.Scene, sensors: Sequence[Any] | None = None) -> Inventory:
     """Go through a scene.
+
+    Parameters
+    ----------
+    sensors : sequence of mi.Sensor
+        All that look at it, None among them for one that is not known. If not given, the scene's own.
 
     Raises
     ------
@@ -96,10 +101,12 @@ def take(scene: mi.Scene) -> Inventory:
     shapes = list(solid(scene))
     black = absorbing(scene)
     with dr.suspend_grad():
-        return listed(scene, shapes, black)
+        return listed(scene, shapes, black, scene.sensors() if sensors is None else sensors)
 
 
-def listed(scene: mi.Scene, shapes: list[tuple[Any, bool]], black: tuple[Any, ...]) -> Inventory:
+def listed(
+    scene: mi.Scene, shapes: list[tuple[Any, bool]], black: tuple[Any, ...], sensors: Sequence[Any]
+) -> Inventory:
     """The inventory of these shapes, of which those with `black` BSDFs answer nothing."""
     refuse_media(scene, [shape for shape, _ in shapes])
     flags = mi.EmitterFlags
@@ -121,7 +128,7 @@ def listed(scene: mi.Scene, shapes: list[tuple[Any, bool]], black: tuple[Any, ..
                 len(found),
                 found[0][0].id() or found[0][0].class_name().lower(),
                 # Two can always see each other; whether one can see itself is worth a look.
-                len(found) > 1 or found[0][1] or meets_itself(found[0][0], scene.sensors()),
+                len(found) > 1 or found[0][1] or meets_itself(found[0][0], sensors),
             )
             for key, found in alike.items()
         ),

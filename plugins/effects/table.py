@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import difflib
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mitsuba as mi
 
@@ -106,10 +107,12 @@ def parse(text: str) -> frozenset[str]:
     return frozenset(chosen)
 
 
-def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dict[str, Cell]:
+def plan(
+    scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False, sensors: Sequence[Any] | None = None
+) -> dict[str, Cell]:
     """Which cells a scene calls for, from what is in it alone: exact, and free.
 
-    What is not called for is exactly zero, for every sensor of the scene. What is called for may be zero as well: a
+    What is not called for is exactly zero, for every one of the sensors. What is called for may be zero as well: a
     lamp may be hidden. Call it again after a change of the scene.
 
     Parameters
@@ -118,6 +121,8 @@ def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dic
         The longest paths, in edges from eye to lamp: 1 ends at lamps seen directly, 2 at direct light; -1: no end.
     hide_emitters : bool
         Whether lamps and sky are not to be seen directly.
+    sensors : sequence of mi.Sensor
+        All that look at the scene, None among them for one that is not known. If not given, the scene's own.
 
     Returns
     -------
@@ -129,7 +134,7 @@ def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dic
     DataError
         The scene has a participating medium.
     """
-    return from_inventory(take(scene), max_depth, hide_emitters)
+    return from_inventory(take(scene, sensors), max_depth, hide_emitters)
 
 
 def called_for(cells: dict[str, Cell]) -> frozenset[str]:

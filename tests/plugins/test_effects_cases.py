@@ -167,3 +167,38 @@ def test_derivative_at_black() -> None:
             found = float(dr.grad(value).array[0])
         # one light, summed: noise is that of the hit points within a pixel
         np.testing.assert_allclose(found, 2 * half, rtol=1e-2)
+
+
+def hollow(*origin: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A ball that answers on both sides, with a light in it, seen from outside; and a camera elsewhere."""
+    ball = scenes.ball({"type": "twosided", "a": {"type": "diffuse", "reflectance": scenes.rgb(0.8)}})
+    held = {"type": "scene", "sensor": scenes.camera(16), "ball": ball, "light": scenes.point(0, 0, 0.5, 1)}
+    to = mi.ScalarTransform4f().look_at(list(origin), [0, 0, 0], [0, 0, 1])
+    return held, {**scenes.camera(16, fov=60), "to_world": to}
+
+
+def test_a_sensor_that_is_not_of_the_scene() -> None:
+    """From within, light goes from wall to wall; from outside the same integrator sees that it does not."""
+    held, within = hollow(0, -0.5, 0)
+    scene, camera, integrator = mi.load_dict(held), mi.load_dict(within), mi.load_dict(effects(8))
+    expected = np.array(mi.render(scene, sensor=camera, integrator=mi.load_dict(path(8)), spp=256))
+    for _ in range(2):
+        assert not np.any(np.array(mi.render(scene, integrator=integrator, spp=4)))
+        seen = np.array(mi.render(scene, sensor=camera, integrator=integrator, spp=256, seed=1))
+        # a closed ball without colour: both have the direct light exactly, and some noise in the rest
+        np.testing.assert_allclose(seen.mean(), expected.mean(), rtol=1e-2)
+
+
+def test_rays_without_a_sensor() -> None:
+    """Nothing is taken for granted about where they begin."""
+    held, within = hollow(0, -0.5, 0)
+    scene, camera, integrator = mi.load_dict(held), mi.load_dict(within), mi.load_dict(effects(8))
+    mi.render(scene, integrator=integrator, spp=1)
+    number = 1 << 14
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, number)
+    ray, _ = camera.sample_ray_differential(0, 0, sampler.next_2d(), mi.Point2f(0.5))
+    ours, theirs = (
+        float(np.array(one.sample(scene, sampler, ray)[0]).mean()) for one in (integrator, mi.load_dict(path(8)))
+    )
+    np.testing.assert_allclose(ours, theirs, rtol=1e-2)
