@@ -6,7 +6,8 @@ classic ray tracer does. Properties, all optional:
 - ``cells`` (string): ``auto``, ``all``, ``classic``, or names of cells (see `table.parse`). What is not named leaves no
   code in the kernel, nor does what the scene does not call for. That is looked up once for each scene: after a change
   of shapes or sensors, make a new integrator. (Colours may change, also from black.) With ``all`` it is not looked up.
-- ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
+- ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`. What is hidden behind thin
+  glass and masks, too, is the sky; a lamp there is seen, as `path` has it.
 - ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
   With ``parts`` as well, ``mirror.indirect`` is split by what is seen: ``mirror.indirect/diffuse.point.R`` and so on.
 - ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at

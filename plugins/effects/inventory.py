@@ -66,6 +66,8 @@ class Inventory:
         Whether the environment varies, as an image or a sun does.
     unreachable : int
         Lights that neither a shadow ray nor a reflected one finds: `directionalarea`.
+    passes : bool
+        Whether a surface lets light pass straight: `null`, `mask`, thin glass.
     """
 
     kinds: tuple[Kind, ...]
@@ -74,6 +76,7 @@ class Inventory:
     sky: bool
     spotted: bool
     unreachable: int
+    passes: bool
 
     @property
     def caustics(self) -> bool:
@@ -109,7 +112,7 @@ def listed(
 ) -> Inventory:
     """The inventory of these shapes, of which those with `black` BSDFs answer nothing."""
     refuse_media(scene, [shape for shape, _ in shapes])
-    flags = mi.EmitterFlags
+    flags, null = mi.EmitterFlags, int(mi.BSDFFlags.Null)
     emitters = [(emitter, int(emitter.flags())) for emitter in scene.emitters()]
     delta = [(emitter, flag) for emitter, flag in emitters if flag & int(flags.Delta)]
     skies = [flag for emitter, flag in emitters if emitter.is_environment()]
@@ -137,6 +140,9 @@ def listed(
         sky=bool(skies),
         spotted=any(flag & int(flags.SpatiallyVarying) for flag in skies),
         unreachable=unreachable,
+        passes=any(
+            int(shape.bsdf().flags()) & int(mi.BSDFFlags.Null) for shape, _ in shapes if shape.bsdf() is not None
+        ),
     )
 
 

@@ -120,7 +120,7 @@ def plan(
     max_depth : int
         The longest paths, in edges from eye to lamp: 1 ends at lamps seen directly, 2 at direct light; -1: no end.
     hide_emitters : bool
-        Whether lamps and sky are not to be seen directly.
+        Whether lamps and sky are not to be seen directly. Behind masks, thin glass and the like, lamps still are.
     sensors : sequence of mi.Sensor
         All that look at the scene, None among them for one that is not known. If not given, the scene's own.
 
@@ -153,7 +153,9 @@ def from_inventory(found: Inventory, max_depth: int, hide_emitters: bool) -> dic
         row, _, column = name.partition(".")
         users: list[Kind] = []
         if name == EMITTER:
-            there = depth >= 1 and bool(found.lamps or found.sky) and not hide_emitters
+            there = depth >= 1 and bool(found.lamps or found.sky)
+            if hide_emitters:  # a lamp is seen all the same if light passes straight through what is before it
+                there = depth >= 2 and found.lamps > 0 and found.passes
         elif name == EMPTY:
             there = False
         elif column == "indirect":

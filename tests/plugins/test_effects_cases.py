@@ -202,3 +202,85 @@ def test_rays_without_a_sensor() -> None:
         float(np.array(one.sample(scene, sampler, ray)[0]).mean()) for one in (integrator, mi.load_dict(path(8)))
     )
     np.testing.assert_allclose(ours, theirs, rtol=1e-2)
+
+
+def test_a_scene_without_surfaces() -> None:
+    """Nothing but a sky, with and without it being seen."""
+    scene = mi.load_dict({"type": "scene", "sensor": scenes.camera(4), "sky": {"type": "constant"}})
+    for hidden in (False, True):
+        picture = np.array(mi.render(scene, integrator=mi.load_dict(effects(3, hide_emitters=hidden)), spp=4))
+        np.testing.assert_array_equal(picture, float(not hidden))
+
+
+def before(*things: dict[str, Any]) -> mi.Scene:
+    """A sky behind things, that fill the picture, which has an alpha channel."""
+    sensor = scenes.camera(8, fov=10)
+    sensor["to_world"] = mi.ScalarTransform4f().look_at([0, -4, 0.3], [0, 0, 0], [0, 0, 1])
+    sensor["film"]["pixel_format"] = "rgba"
+    held = {f"thing{i}": thing for i, thing in enumerate(things)}
+    return mi.load_dict({"type": "scene", "sensor": sensor, "sky": {"type": "constant"}, **held})
+
+
+def wall(bsdf: dict[str, Any] | None = None, y: float = 0, radiance: float = 0) -> dict[str, Any]:
+    out: dict[str, Any] = {"type": "rectangle"}
+    out["to_world"] = mi.ScalarTransform4f().translate([0, y, 0]).rotate([1, 0, 0], 90).scale(3)
+    if bsdf:
+        out["bsdf"] = bsdf
+    if radiance:
+        out["emitter"] = {"type": "area", "radiance": scenes.rgb(radiance)}
+    return out
+
+
+HALF = {"type": "mask", "opacity": 0.5, "a": scenes.DIFFUSE}
+NOTHING = {"type": "null"}
+THIN_GLASS = {"type": "thindielectric"}
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+@pytest.mark.parametrize(
+    "things",
+    [
+        lambda: [wall(NOTHING)],
+        lambda: [wall({"type": "mask", "opacity": 0.5, "a": MIRROR})],
+        lambda: [wall(THIN_GLASS)],
+        lambda: [wall(NOTHING), wall(radiance=2, y=1)],
+        lambda: [wall(HALF), wall(radiance=2, y=1)],
+        lambda: [wall(NOTHING, y=-1), wall(MIRROR)],
+        lambda: [wall(THIN_GLASS), wall(radiance=2, y=-1)],
+        lambda: [scenes.ball({"type": "dielectric"})],
+    ],
+    ids=["nothing", "masked mirror", "pane", "lamp behind", "masked lamp", "mirror", "lamp before", "glass"],
+)
+def test_the_sky_behind_what_light_passes(things: Any, hidden: bool) -> None:
+    """Radiance and alpha of `path`: a hidden sky is not seen through a mask, though a lamp is, and a sky in glass."""
+    scene = before(*things())
+    ours, theirs = (
+        np.array(mi.render(scene, integrator=mi.load_dict(make(8, hide_emitters=hidden)), spp=4096)).mean((0, 1))
+        for make in (effects, path)
+    )
+    # of 262144 samples, each at most 2: the standard error of either is below 0.004
+    np.testing.assert_allclose(ours, theirs, atol=0.016)
+
+
+@pytest.mark.parametrize(("hidden", "radiance", "alpha"), [(True, 0.25, 0.5), (False, 0.75, 1)])
+def test_a_diffuse_mask_before_a_sky(hidden: bool, radiance: float, alpha: float) -> None:
+    """Half a wall that reflects a half. `path` loses what it sampled of a hidden sky where a path then goes through."""
+    scene = before(wall(HALF))
+    ours, theirs = (
+        np.array(mi.render(scene, integrator=mi.load_dict(make(8, hide_emitters=hidden)), spp=4096)).mean((0, 1))
+        for make in (effects, path)
+    )
+    np.testing.assert_allclose(ours, [radiance] * 3 + [alpha], atol=0.016)  # as above
+    assert (theirs[0] < radiance - 0.04) == hidden
+
+
+def test_a_hidden_lamp_behind_a_mask_is_in_the_plan() -> None:
+    """What is not called for is zero."""
+    scene = before(wall(NOTHING), wall(radiance=2, y=1))
+    for depth in (1, 2):
+        made = mi.load_dict(effects(depth, hide_emitters=True, layers=True))
+        picture = np.array(mi.render(scene, integrator=made, spp=4))
+        seen = by_cell(np.delete(picture, 3, axis=-1))["emitter"].any()  # alpha is before the layers
+        assert table.plan(scene, depth, hide_emitters=True)["emitter"].called_for == seen == (depth > 1)
+    assert not table.plan(before(wall(radiance=2)), 2, hide_emitters=True)["emitter"].called_for
+    assert not table.plan(before(wall(NOTHING)), 2, hide_emitters=True)["emitter"].called_for
