@@ -60,8 +60,8 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             text = string(name, props, "cells", cells)
             self.cells, self.planned = parse(text), text.strip() != "all"
             self.tolerance = number(name, props, "tolerance", 0.0)
-            self.max_depth = int(number(name, props, "max_depth", -1, low=-1))
-            self.rr_depth = int(number(name, props, "rr_depth", 5, low=1))
+            self.max_depth = integer(name, props, "max_depth", -1, low=-1)
+            self.rr_depth = integer(name, props, "rr_depth", 5, low=1)
             self.threshold = number(name, props, "threshold", THRESHOLD)
             self.prune = string(name, props, "prune", PRUNE[0])
             if self.prune not in PRUNE:
@@ -209,6 +209,14 @@ def number(owner: str, props: mi.Properties, key: str, default: float, low: floa
     value = props[key] if key in props else default
     if isinstance(value, bool) or not isinstance(value, int | float) or not value >= low:
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a number from {low:g} on.")
+    return value
+
+
+def integer(owner: str, props: mi.Properties, key: str, default: int, low: int) -> int:
+    """A property that is a whole number, not below `low`."""
+    value = props[key] if key in props else default
+    if isinstance(value, bool) or not isinstance(value, int) or value < low:
+        raise UsageError(f"{owner}: {key} = {value!r}. It takes an <integer> from {low} on.")
     return value
 
 

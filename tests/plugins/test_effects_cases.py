@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import plugins
+from brdf import UsageError
 from plugins.effects import table
 from plugins.effects.undivided import undivided
 from tests.plugins import effects_scenes as scenes
@@ -284,3 +285,12 @@ def test_a_hidden_lamp_behind_a_mask_is_in_the_plan() -> None:
         assert table.plan(scene, depth, hide_emitters=True)["emitter"].called_for == seen == (depth > 1)
     assert not table.plan(before(wall(radiance=2)), 2, hide_emitters=True)["emitter"].called_for
     assert not table.plan(before(wall(NOTHING)), 2, hide_emitters=True)["emitter"].called_for
+
+
+@pytest.mark.parametrize("key", ["max_depth", "rr_depth"])
+@pytest.mark.parametrize(("tag", "value"), [("float", "2.7"), ("float", "2"), ("string", "3"), ("boolean", "true")])
+def test_a_depth_that_is_no_integer(key: str, tag: str, value: str) -> None:
+    """It is not rounded without a word."""
+    text = f'<integrator version="3.0.0" type="effects"><{tag} name="{key}" value="{value}"/></integrator>'
+    with pytest.raises((UsageError, RuntimeError), match=rf"{key} = .*It takes an <integer> from"):
+        mi.load_string(text)
