@@ -140,9 +140,7 @@ def listed(
         sky=bool(skies),
         spotted=any(flag & int(flags.SpatiallyVarying) for flag in skies),
         unreachable=unreachable,
-        passes=any(
-            int(shape.bsdf().flags()) & int(mi.BSDFFlags.Null) for shape, _ in shapes if shape.bsdf() is not None
-        ),
+        passes=any(bsdf is not None and int(bsdf.flags()) & null for bsdf in (shape.bsdf() for shape, _ in shapes)),
     )
 
 
