@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
+from .convex import nested
 from .inventory import refuse_media, solid
 from .table import CELLS
 from .undivided import undivided
@@ -29,6 +30,8 @@ class Contents:
     """All lobes of all surfaces, as Mitsuba's flags; of those that are `undivided`, without the diffuse ones."""
     undivided: tuple[Any, ...]
     """The BSDFs that do not tell diffuse and glossy lobes apart."""
+    blends: tuple[Any, ...]
+    """The BSDFs with a `blendbsdf` in them, but no `mask`: see `surfaces.drawn`."""
     thin: bool
     """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, a border."""
     masks: bool
@@ -95,6 +98,7 @@ def contents(scene: mi.Scene) -> Contents:
         if bsdf is not None:
             bsdfs[bsdf.ptr] = bsdf
     whole = tuple(bsdf for bsdf in bsdfs.values() if undivided(bsdf))
+    inside = {key: [b.class_name() for b in nested(bsdf)] for key, bsdf in bsdfs.items()}
     found = 0
     for bsdf in bsdfs.values():
         found |= int(bsdf.flags()) & ~(int(flags.Diffuse) if bsdf in whole else 0)
@@ -115,6 +119,7 @@ def contents(scene: mi.Scene) -> Contents:
         columns=frozenset(columns),
         flags=found,
         undivided=whole,
+        blends=tuple(b for key, b in bsdfs.items() if "BlendBSDF" in inside[key] and "MaskBSDF" not in inside[key]),
         thin=any(f & int(flags.Null) and not f & int(flags.Smooth) for f in lobes),
         masks=any("Mask[" in str(bsdf) for bsdf in bsdfs.values()),
         smooth=all(f & int(flags.Smooth) for f in lobes),

@@ -19,7 +19,8 @@ classic ray tracer does. Properties, all optional:
 Derivatives are those of the light along each path: directions and positions follow through mirrors and glass; beyond
 a diffuse or glossy surface, the point that is met is held. Edges are not followed: where a shadow, or a lamp without a
 soft border, is seen through glass or shines through it, it moves with `eta`, and that part is missing.
-It can be most of it: see tests/plugins/test_effects_gradients.py.
+It can be most of it: see tests/plugins/test_effects_gradients.py. By the weight of a `blendbsdf` that has a mirror or
+glass in it they are right, unless there is a `mask` around or inside the blend: then that part of the light is missing.
 """
 
 from __future__ import annotations

@@ -37,16 +37,34 @@ def of_each(w: Settings, bsdf: Any, function: Any, *arguments: Any) -> Any:
 
     if w.attached:
         if whole:
-            here = mi.Bool(False)
-            for one in whole:
-                here |= bsdf == mi.BSDFPtr(one)
-            bsdf = wrapped(bsdf, here)
+            bsdf = wrapped(bsdf, among(bsdf, whole))
         return function(Together(bsdf, w.contents.flags), *arguments)
 
     def call(bsdf: Any, *arguments: Any) -> Any:
         return function(wrapped(bsdf, True) if bsdf in whole else bsdf, *arguments)
 
     return dr.dispatch(bsdf, call if whole else function, *arguments)
+
+
+def among(lanes: Any, some: tuple[Any, ...]) -> Any:
+    """In which lanes the surface is one of these."""
+    here = mi.Bool(False)
+    for one in some:
+        here |= lanes == mi.BSDFPtr(one)
+    return here
+
+
+def drawn(w: Settings, bsdf: Any, bs: Any, weight: Any) -> Any:
+    """The weight of a sample of one direction, with the derivative of the chance at which it was drawn.
+
+    A `blendbsdf` draws one of its two BSDFs, and tells the chance in ``bs.pdf`` alone. A `mask` has the derivative of
+    its own in the weight already, so that it must not be taken again.
+    """
+    if not (w.attached and w.contents.blends):
+        return weight
+    lanes = bsdf.lanes.of if isinstance(bsdf.lanes, Undivided) else bsdf.lanes
+    here = among(lanes, w.contents.blends) & (bs.pdf > 0)
+    return dr.select(here, weight * dr.replace_grad(1, bs.pdf / dr.select(here, dr.detach(bs.pdf), 1)), weight)
 
 
 def answers(
@@ -117,6 +135,7 @@ def scatter(
         bs, weight = bsdf.sample(w.every, si, number, point, at)
     weight = dr.select(at & (bs.pdf > 0), weight, 0)
     null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
+    weight = dr.select(null, drawn(w, bsdf, bs, weight), weight)
     share = mi.Spectrum(1)
     if w.apart and not w.restricted and fresh is not False:
         share = part(in_rows(w, bsdf, si, bs.wo, at & ~null))
@@ -133,7 +152,7 @@ def ideal(w: Settings, bsdf: Any, si: Any, kind: Any, number: Any, point: Any, a
     else:  # what a surface with other lobes lets pass, `scatter` has
         flags = bsdf.lanes.flags() if isinstance(bsdf, Together) else bsdf.flags()
         right &= ~(null & mi.has_flag(flags, mi.BSDFFlags.Smooth))
-    weight = dr.select(right, weight, 0)
+    weight = dr.select(right, drawn(w, bsdf, bs, weight), 0)
     return Branch(weight, mi.Vector3f(bs.wo), mi.Float(0), dr.detach(bs.eta), null, mi.Spectrum(0))
 
 
