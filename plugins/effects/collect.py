@@ -19,8 +19,8 @@ def emission(w: Settings, s: State, si: Any, fresh: Any) -> None:
         return
     emitter = si.emitter(w.scene, s.active)
     here = s.active & (emitter != None)  # noqa: E711
-    if w.hide:
-        here &= (s.depth > 0) | si.is_valid()
+    if w.hide:  # the sky, also behind what light passes straight; lamps are gone by `past_lamps`, not behind that
+        here &= (s.stage != EYE) | si.is_valid()
     value = s.beta * emitter.eval(si, here)
     if fresh is not True and w.others.emitters:
         sampled = here & (s.pdf > 0)

@@ -7,8 +7,10 @@ from typing import Any
 
 import mitsuba as mi
 
+from .convex import nested
 from .inventory import refuse_media, solid
 from .table import CELLS
+from .undivided import undivided
 
 #: Depths from which on a cell can have light: its shortest path, counted as `max_depth` counts.
 SHORTEST = {"emitter": 1, "mirror.area": 2, "mirror.environment": 2, "mirror.indirect": 3}
@@ -25,7 +27,11 @@ class Contents:
     columns: frozenset[str]
     """Which of point, area and environment there are."""
     flags: int
-    """All lobes of all surfaces, as Mitsuba's flags."""
+    """All lobes of all surfaces, as Mitsuba's flags; of those that are `undivided`, without the diffuse ones."""
+    undivided: tuple[Any, ...]
+    """The BSDFs that do not tell diffuse and glossy lobes apart."""
+    blends: tuple[Any, ...]
+    """The BSDFs with a `blendbsdf` in them, but no `mask`: see `surfaces.drawn`."""
     thin: bool
     """Whether a surface without diffuse and glossy lobes lets light pass straight: thin glass, a border."""
     masks: bool
@@ -91,9 +97,11 @@ def contents(scene: mi.Scene) -> Contents:
         bsdf = shape.bsdf()
         if bsdf is not None:
             bsdfs[bsdf.ptr] = bsdf
+    whole = tuple(bsdf for bsdf in bsdfs.values() if undivided(bsdf))
+    inside = {key: [b.class_name() for b in nested(bsdf)] for key, bsdf in bsdfs.items()}
     found = 0
     for bsdf in bsdfs.values():
-        found |= int(bsdf.flags())
+        found |= int(bsdf.flags()) & ~(int(flags.Diffuse) if bsdf in whole else 0)
     points, others, columns = [], [], set()
     for emitter in scene.emitters():
         kind = emitter.flags()
@@ -110,6 +118,8 @@ def contents(scene: mi.Scene) -> Contents:
         others=tuple(others),
         columns=frozenset(columns),
         flags=found,
+        undivided=whole,
+        blends=tuple(b for key, b in bsdfs.items() if "BlendBSDF" in inside[key] and "MaskBSDF" not in inside[key]),
         thin=any(f & int(flags.Null) and not f & int(flags.Smooth) for f in lobes),
         masks=any("Mask[" in str(bsdf) for bsdf in bsdfs.values()),
         smooth=all(f & int(flags.Smooth) for f in lobes),

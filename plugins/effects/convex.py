@@ -16,7 +16,7 @@ MOST = 4 * 10**6
 TILTING = ("BumpMap", "NormalMap")
 
 
-def meets_itself(shape: mi.Shape, sensors: Iterable[mi.Sensor]) -> bool:
+def meets_itself(shape: mi.Shape, sensors: Iterable[mi.Sensor | None]) -> bool:
     """Whether light that a shape has scattered may arrive at the same shape, with nothing else in the scene.
 
     False for a rectangle, a disk and a flat mesh. False for a sphere, a cylinder's side and a convex mesh if only the
@@ -26,7 +26,7 @@ def meets_itself(shape: mi.Shape, sensors: Iterable[mi.Sensor]) -> bool:
 
     Parameters
     ----------
-    sensors : all that look at the scene
+    sensors : all that look at the scene; None for one that is not known
     """
     kind = shape.class_name()
     if kind == "Disk":
@@ -133,7 +133,7 @@ def children(of: Any) -> list[Any]:
 
 def outside(shape: mi.Shape, sensor: Any) -> bool:
     """Whether all rays of a sensor begin outside the box around a shape; False if that is not known."""
-    if sensor.class_name() not in ("PerspectiveCamera", "OrthographicCamera"):
+    if sensor is None or sensor.class_name() not in ("PerspectiveCamera", "OrthographicCamera"):
         return False
     # Their rays begin on a flat patch with four corners, before the lens.
     corners = [

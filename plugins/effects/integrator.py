@@ -5,8 +5,9 @@ classic ray tracer does. Properties, all optional:
 
 - ``cells`` (string): ``auto``, ``all``, ``classic``, or names of cells (see `table.parse`). What is not named leaves no
   code in the kernel, nor does what the scene does not call for. That is looked up once for each scene: after a change
-  of shapes or sensors, make a new integrator. With ``all`` it is not looked up.
-- ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`.
+  of shapes or sensors, make a new integrator. (Colours may change, also from black.) With ``all`` it is not looked up.
+- ``max_depth``, ``rr_depth`` (integer, -1, 5), ``hide_emitters``: those of `path`. What is hidden behind thin
+  glass and masks, too, is the sky; a lamp there is seen, as `path` has it.
 - ``layers`` (boolean): each cell as well, as channels ``diffuse.point.R`` and so on. They sum to the picture.
   With ``parts`` as well, ``mirror.indirect`` is split by what is seen: ``mirror.indirect/diffuse.point.R`` and so on.
 - ``threshold`` (float, 0.01): glass, mirrors and glazed surfaces are followed into both branches where each carries at
@@ -18,7 +19,8 @@ classic ray tracer does. Properties, all optional:
 Derivatives are those of the light along each path: directions and positions follow through mirrors and glass; beyond
 a diffuse or glossy surface, the point that is met is held. Edges are not followed: where a shadow, or a lamp without a
 soft border, is seen through glass or shines through it, it moves with `eta`, and that part is missing.
-It can be most of it: see tests/plugins/test_effects_gradients.py.
+It can be most of it: see tests/plugins/test_effects_gradients.py. By the weight of a `blendbsdf` that has a mirror or
+glass in it they are right, unless there is a `mask` around or inside the blend: then that part of the light is missing.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from brdf import NoBackend, UsageError
 from . import pilot
 from .cells import Switches, layer_names
 from .contents import contents
-from .inventory import take
+from .inventory import absorbing, absorbs, take
 from .lights import Lights
 from .state import Settings, column_of
 from .table import CELLS, SUMMED, called_for, parse, plan
@@ -42,6 +44,8 @@ from .walk import run
 #: Below this part of the light at the eye, one branch of glass is followed, not both.
 THRESHOLD = 0.01
 PRUNE = ("random", "cut")
+#: The sensors where rays come from elsewhere than `render`.
+UNKNOWN = (None,)
 
 
 def integrator_class(name: str, cells: str) -> type[Any]:
@@ -57,8 +61,8 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             text = string(name, props, "cells", cells)
             self.cells, self.planned = parse(text), text.strip() != "all"
             self.tolerance = number(name, props, "tolerance", 0.0)
-            self.max_depth = int(number(name, props, "max_depth", -1, low=-1))
-            self.rr_depth = int(number(name, props, "rr_depth", 5, low=1))
+            self.max_depth = integer(name, props, "max_depth", -1, low=-1)
+            self.rr_depth = integer(name, props, "rr_depth", 5, low=1)
             self.threshold = number(name, props, "threshold", THRESHOLD)
             self.prune = string(name, props, "prune", PRUNE[0])
             if self.prune not in PRUNE:
@@ -66,6 +70,8 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             layers, parts = (flag(name, props, key) for key in ("layers", "parts"))
             self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
+            self.black: tuple[Any, ...] = ()
+            self.sensors: tuple[Any, ...] = UNKNOWN
             self.piloted: tuple[Any, ...] = ()
             self.dropped: frozenset[str] = frozenset()
             if self.tolerance > 0 and text.strip() != "auto":
@@ -92,12 +98,17 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             develop: bool = True,
             evaluate: bool = True,
         ) -> Any:
+            camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             if self.tolerance > 0 and not same(parts_of(scene), self.piloted):
-                camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
                 with dr.suspend_grad():
                     self.dropped = self.pilot(scene, camera)
                 self.piloted, self.seen = (parts_of(scene),), ()
-            return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
+            own = scene.sensors()
+            self.sensors = (*own, camera) if camera not in own else tuple(own)
+            try:
+                return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
+            finally:
+                self.sensors = UNKNOWN
 
         def pilot(self, scene: mi.Scene, sensor: Any) -> frozenset[str]:
             """The cells that a few small pictures find to be worth less than the tolerance, together."""
@@ -107,14 +118,18 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             return pilot.droppable(found, self.tolerance, take(scene).caustics).cells
 
         def prepared(self, scene: mi.Scene) -> tuple[Any, ...]:
-            """What the scene holds, and its lights; looked up once a scene."""
-            held = parts_of(scene)
-            if not same(held, self.seen):
+            """What the scene holds, and its lights; looked up once a scene.
+
+            And again once something black is so no more, or its colour is being differentiated.
+            """
+            held = (*parts_of(scene), *(sensor for sensor in self.sensors if sensor is not None))
+            if not same(held, self.seen) or not all(absorbs(bsdf) for bsdf in self.black):
+                called = frozenset(CELLS)
+                if self.planned:  # with derivatives, which `absorbs` asks about
+                    called, self.black = called_for(plan(scene, self.max_depth, sensors=self.sensors)), absorbing(scene)
                 with dr.suspend_grad():
                     found = contents(scene)
-                    possible = found.possible(self.max_depth)
-                    if self.planned:
-                        possible &= called_for(plan(scene, self.max_depth))
+                    possible = found.possible(self.max_depth) & called
                     switches = Switches.of(self.cells - self.dropped, possible, found.rows)
                     wanted = [e for e in found.others if switches.indirect or switches.wants(column_of(e))]
                     points = Lights(scene, found.points, choose=len(found.points) > SUMMED)
@@ -195,6 +210,14 @@ def number(owner: str, props: mi.Properties, key: str, default: float, low: floa
     value = props[key] if key in props else default
     if isinstance(value, bool) or not isinstance(value, int | float) or not value >= low:
         raise UsageError(f"{owner}: {key} = {value!r}. It takes a number from {low:g} on.")
+    return value
+
+
+def integer(owner: str, props: mi.Properties, key: str, default: int, low: int) -> int:
+    """A property that is a whole number, not below `low`."""
+    value = props[key] if key in props else default
+    if isinstance(value, bool) or not isinstance(value, int) or value < low:
+        raise UsageError(f"{owner}: {key} = {value!r}. It takes an <integer> from {low} on.")
     return value
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from brdf.errors import DataError
 
 from .convex import children, meets_itself
+from .undivided import undivided
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,8 @@ class Inventory:
         Whether the environment varies, as an image or a sun does.
     unreachable : int
         Lights that neither a shadow ray nor a reflected one finds: `directionalarea`.
+    passes : bool
+        Whether a surface lets light pass straight: `null`, `mask`, thin glass.
     """
 
     kinds: tuple[Kind, ...]
@@ -73,6 +76,7 @@ class Inventory:
     sky: bool
     spotted: bool
     unreachable: int
+    passes: bool
 
     @property
     def caustics(self) -> bool:
@@ -84,8 +88,13 @@ class Inventory:
         )
 
 
-def take(scene: mi.Scene) -> Inventory:
+def take(scene: mi.Scene, sensors: Sequence[Any] | None = None) -> Inventory:
     """Go through a scene.
+
+    Parameters
+    ----------
+    sensors : sequence of mi.Sensor
+        All that look at it, None among them for one that is not known. If not given, the scene's own.
 
     Raises
     ------
@@ -93,8 +102,17 @@ def take(scene: mi.Scene) -> Inventory:
         It has a participating medium.
     """
     shapes = list(solid(scene))
+    black = absorbing(scene)
+    with dr.suspend_grad():
+        return listed(scene, shapes, black, scene.sensors() if sensors is None else sensors)
+
+
+def listed(
+    scene: mi.Scene, shapes: list[tuple[Any, bool]], black: tuple[Any, ...], sensors: Sequence[Any]
+) -> Inventory:
+    """The inventory of these shapes, of which those with `black` BSDFs answer nothing."""
     refuse_media(scene, [shape for shape, _ in shapes])
-    flags = mi.EmitterFlags
+    flags, null = mi.EmitterFlags, int(mi.BSDFFlags.Null)
     emitters = [(emitter, int(emitter.flags())) for emitter in scene.emitters()]
     delta = [(emitter, flag) for emitter, flag in emitters if flag & int(flags.Delta)]
     skies = [flag for emitter, flag in emitters if emitter.is_environment()]
@@ -102,7 +120,7 @@ def take(scene: mi.Scene) -> Inventory:
     alike: dict[tuple[bool, bool, bool, bool], list[tuple[Any, bool]]] = {}
     for shape, copied in shapes:
         bsdf = shape.bsdf()
-        if bsdf is not None and not absorbs(bsdf):
+        if bsdf is not None and bsdf not in black:
             lobes = answer(bsdf)
             if any(lobes):
                 alike.setdefault((*lobes, is_lamp(shape)), []).append((shape, copied))
@@ -113,7 +131,7 @@ def take(scene: mi.Scene) -> Inventory:
                 len(found),
                 found[0][0].id() or found[0][0].class_name().lower(),
                 # Two can always see each other; whether one can see itself is worth a look.
-                len(found) > 1 or found[0][1] or meets_itself(found[0][0], scene.sensors()),
+                len(found) > 1 or found[0][1] or meets_itself(found[0][0], sensors),
             )
             for key, found in alike.items()
         ),
@@ -122,6 +140,7 @@ def take(scene: mi.Scene) -> Inventory:
         sky=bool(skies),
         spotted=any(flag & int(flags.SpatiallyVarying) for flag in skies),
         unreachable=unreachable,
+        passes=any(bsdf is not None and int(bsdf.flags()) & null for bsdf in (shape.bsdf() for shape, _ in shapes)),
     )
 
 
@@ -140,10 +159,20 @@ def solid(scene: mi.Scene) -> Iterator[tuple[Any, bool]]:
 
 
 def answer(bsdf: Any) -> tuple[bool, bool, bool]:
-    """Whether a BSDF has diffuse lobes, glossy ones, and ones of a single direction. Light that passes is none."""
+    """Whether a BSDF has diffuse lobes, glossy ones, and ones of a single direction. Light that passes is none.
+
+    One that is `undivided` has no diffuse ones: all of it counts as glossy.
+    """
     has, flags = int(bsdf.flags()), mi.BSDFFlags
     single = int(flags.DeltaReflection) | int(flags.DeltaTransmission)  # flags.Delta has Null in it as well
-    return bool(has & int(flags.Diffuse)), bool(has & int(flags.Glossy)), bool(has & single)
+    diffuse = bool(has & int(flags.Diffuse)) and not undivided(bsdf)
+    return diffuse, bool(has & int(flags.Glossy)), bool(has & single)
+
+
+def absorbing(scene: mi.Scene) -> tuple[Any, ...]:
+    """The BSDFs that `absorbs` says are black now."""
+    bsdfs = {shape.bsdf().ptr: shape.bsdf() for shape, _ in solid(scene) if shape.bsdf() is not None}
+    return tuple(bsdf for bsdf in bsdfs.values() if absorbs(bsdf))
 
 
 def absorbs(bsdf: Any) -> bool:

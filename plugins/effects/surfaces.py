@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from .lights import moved
 from .state import Branch, Settings
+from .undivided import Undivided
 
 
 class Together:
@@ -29,9 +30,41 @@ def of_each(w: Settings, bsdf: Any, function: Any, *arguments: Any) -> Any:
 
     Forward derivatives through ``dr.dispatch`` raise where the scene has a single BSDF (Dr.Jit 1.5.0).
     """
+    whole = w.contents.undivided
+
+    def wrapped(bsdf: Any, here: Any) -> Any:
+        return Undivided(bsdf, here, w.every, w.row.get("diffuse"), w.row["glossy"])
+
     if w.attached:
+        if whole:
+            bsdf = wrapped(bsdf, among(bsdf, whole))
         return function(Together(bsdf, w.contents.flags), *arguments)
-    return dr.dispatch(bsdf, function, *arguments)
+
+    def call(bsdf: Any, *arguments: Any) -> Any:
+        return function(wrapped(bsdf, True) if bsdf in whole else bsdf, *arguments)
+
+    return dr.dispatch(bsdf, call if whole else function, *arguments)
+
+
+def among(lanes: Any, some: tuple[Any, ...]) -> Any:
+    """In which lanes the surface is one of these."""
+    here = mi.Bool(False)
+    for one in some:
+        here |= lanes == mi.BSDFPtr(one)
+    return here
+
+
+def drawn(w: Settings, bsdf: Any, bs: Any, weight: Any) -> Any:
+    """The weight of a sample of one direction, with the derivative of the chance at which it was drawn.
+
+    A `blendbsdf` draws one of its two BSDFs, and tells the chance in ``bs.pdf`` alone. A `mask` has the derivative of
+    its own in the weight already, so that it must not be taken again.
+    """
+    if not (w.attached and w.contents.blends):
+        return weight
+    lanes = bsdf.lanes.of if isinstance(bsdf.lanes, Undivided) else bsdf.lanes
+    here = among(lanes, w.contents.blends) & (bs.pdf > 0)
+    return dr.select(here, weight * dr.replace_grad(1, bs.pdf / dr.select(here, dr.detach(bs.pdf), 1)), weight)
 
 
 def answers(
@@ -102,6 +135,7 @@ def scatter(
         bs, weight = bsdf.sample(w.every, si, number, point, at)
     weight = dr.select(at & (bs.pdf > 0), weight, 0)
     null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
+    weight = dr.select(null, drawn(w, bsdf, bs, weight), weight)
     share = mi.Spectrum(1)
     if w.apart and not w.restricted and fresh is not False:
         share = part(in_rows(w, bsdf, si, bs.wo, at & ~null))
@@ -111,14 +145,14 @@ def scatter(
 def ideal(w: Settings, bsdf: Any, si: Any, kind: Any, number: Any, point: Any, at: Any) -> Branch:
     """The branch of a mirror, or of light that goes through, with its whole weight."""
     bs, weight = bsdf.sample(kind, si, number, point, at)
-    right = at & (bs.pdf > 0)
+    right = at & (bs.pdf > 0) & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)  # there are some that do not listen
     null = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
     if kind is w.mirror:
         right &= ~null
     else:  # what a surface with other lobes lets pass, `scatter` has
         flags = bsdf.lanes.flags() if isinstance(bsdf, Together) else bsdf.flags()
         right &= ~(null & mi.has_flag(flags, mi.BSDFFlags.Smooth))
-    weight = dr.select(right, weight, 0)
+    weight = dr.select(right, drawn(w, bsdf, bs, weight), 0)
     return Branch(weight, mi.Vector3f(bs.wo), mi.Float(0), dr.detach(bs.eta), null, mi.Spectrum(0))
 
 

@@ -5,16 +5,18 @@ y answers, the column how light arrives at y: straight from a point or direction
 environment, or from another surface, through glass and mirrors too (a caustic is indirect). If the eye sees y in a
 mirror or through glass, that is ``mirror.indirect``, whatever lights y; a mirrored lamp is ``mirror.area``, a mirrored
 sky ``mirror.environment``. A point light in a mirror has measure zero: the cell ``mirror.point`` is always empty. Lamp
-and sky seen directly are ``emitter``. Surfaces that light only passes (`null`, `mask`) do not count. The cells add up
-to the picture.
+and sky seen directly are ``emitter``. Surfaces that light only passes (`null`, `mask`) do not count. A BSDF
+that answers with all its lobes whichever are asked for, as `principled` and `principledthin` do, is glossy as a whole.
+The cells add up to the picture.
 """
 
 from __future__ import annotations
 
 import difflib
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mitsuba as mi
 
@@ -105,10 +107,12 @@ def parse(text: str) -> frozenset[str]:
     return frozenset(chosen)
 
 
-def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dict[str, Cell]:
+def plan(
+    scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False, sensors: Sequence[Any] | None = None
+) -> dict[str, Cell]:
     """Which cells a scene calls for, from what is in it alone: exact, and free.
 
-    What is not called for is exactly zero, for every sensor of the scene. What is called for may be zero as well: a
+    What is not called for is exactly zero, for every one of the sensors. What is called for may be zero as well: a
     lamp may be hidden. Call it again after a change of the scene.
 
     Parameters
@@ -116,7 +120,9 @@ def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dic
     max_depth : int
         The longest paths, in edges from eye to lamp: 1 ends at lamps seen directly, 2 at direct light; -1: no end.
     hide_emitters : bool
-        Whether lamps and sky are not to be seen directly.
+        Whether lamps and sky are not to be seen directly. Behind masks, thin glass and the like, lamps still are.
+    sensors : sequence of mi.Sensor
+        All that look at the scene, None among them for one that is not known. If not given, the scene's own.
 
     Returns
     -------
@@ -128,7 +134,7 @@ def plan(scene: mi.Scene, max_depth: int, *, hide_emitters: bool = False) -> dic
     DataError
         The scene has a participating medium.
     """
-    return from_inventory(take(scene), max_depth, hide_emitters)
+    return from_inventory(take(scene, sensors), max_depth, hide_emitters)
 
 
 def called_for(cells: dict[str, Cell]) -> frozenset[str]:
@@ -147,7 +153,9 @@ def from_inventory(found: Inventory, max_depth: int, hide_emitters: bool) -> dic
         row, _, column = name.partition(".")
         users: list[Kind] = []
         if name == EMITTER:
-            there = depth >= 1 and bool(found.lamps or found.sky) and not hide_emitters
+            there = depth >= 1 and bool(found.lamps or found.sky)
+            if hide_emitters:  # a lamp is seen all the same if light passes straight through what is before it
+                there = depth >= 2 and found.lamps > 0 and found.passes
         elif name == EMPTY:
             there = False
         elif column == "indirect":

@@ -45,6 +45,10 @@ def run(w: Settings, sampler: Any, ray: Any, active: Any) -> State:
     )
     if w.max_depth == 0:
         return s
+    if not w.contents.flags:  # no surface, or none that answers
+        emission(w, s, s.hit.compute_surface_interaction(s.ray, mi.RayFlags.All, s.active), True)
+        s.valid |= s.active & s.hit.is_valid()
+        return s
     if w.switches.tree or w.contents.null:
         return loop(w, s, sampler, None)
     s = step(w, s, None, sampler, True)
@@ -193,7 +197,7 @@ def go_on(
     nothing = mi.Bool(False)
     strong = strength(w, s, spread) if spread is not None else mi.Float(0)
 
-    split, waiting = nothing, None
+    split, waiting, solid = nothing, None, nothing
     chosen = through if mirrored is None else mirrored
     strong_chosen = tree_strength(w, s, chosen, young) if chosen is not None else mi.Float(0)
     if mirrored is not None and through is not None:
@@ -207,6 +211,9 @@ def go_on(
         strong_chosen = dr.select(left, strong_mirrored, strong_through)
         chosen.beta = chosen.beta / dr.select(one, dr.select(left, chance, 1 - chance), 1)
         waiting = mirrored
+        if w.contents.thin:  # a pane followed both ways covers what is behind it by the part that it reflects
+            covers = strong_mirrored / dr.select(split, strong_mirrored + strong_through, 1)
+            solid = split & through.null & (sampler.next_1d() < covers)
 
     apart, spreads = nothing, strong > 0
     taken = spread if chosen is None else chosen
@@ -236,7 +243,7 @@ def go_on(
     out.share = share
     out.mirrored = s.mirrored | (s.stage == IMAGE)
     out.active = goes
-    out.valid = s.valid | (s.active & si.is_valid() & ~(goes & taken.null))
+    out.valid = s.valid | solid | ((s.stage == EYE) & s.active & si.is_valid() & ~(goes & taken.null))
     out.count = s.count + 1
     if stack is not None and waiting is not None:
         ray = si.spawn_ray(waiting.direction)
