@@ -44,12 +44,15 @@ from .walk import run
 #: Below this part of the light at the eye, one branch of glass is followed, not both.
 THRESHOLD = 0.01
 PRUNE = ("random", "cut")
-#: The sensors where rays come from elsewhere than `render`.
-UNKNOWN = (None,)
+#: Which sensor looks is not known while rays are traced: a body that light can be in may be seen from inside.
+ANY = (None,)
 
 
-def integrator_class(name: str, cells: str) -> type[Any]:
-    """The class of Mitsuba plugin of this name, for the variant now set; `cells` is the default of that property."""
+def integrator_class(name: str, cells: str) -> tuple[type[Any], type[Any]]:
+    """The classes of Mitsuba plugin of this name, for the variant now set: without a pilot, and with one.
+
+    `cells` is the default of that property.
+    """
 
     class Effects(mi.SamplingIntegrator):
         """Simulates the cells of the lecture's table that are called for."""
@@ -71,8 +74,6 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             self.names = layer_names(parts) if layers else ()
             self.seen: tuple[Any, ...] = ()
             self.black: tuple[Any, ...] = ()
-            self.sensors: tuple[Any, ...] = UNKNOWN
-            self.piloted: tuple[Any, ...] = ()
             self.dropped: frozenset[str] = frozenset()
             if self.tolerance > 0 and text.strip() != "auto":
                 raise UsageError(f"{name}: tolerance is for cells = auto, not for {text!r}. Leave one of them out.")
@@ -89,44 +90,16 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 f"rr_depth = {self.rr_depth}, threshold = {self.threshold:g}, prune = {self.prune}]"
             )
 
-        def render(
-            self,
-            scene: mi.Scene,
-            sensor: Any = 0,
-            seed: Any = 0,
-            spp: int = 0,
-            develop: bool = True,
-            evaluate: bool = True,
-        ) -> Any:
-            camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-            if self.tolerance > 0 and not same(parts_of(scene), self.piloted):
-                with dr.suspend_grad():
-                    self.dropped = self.pilot(scene, camera)
-                self.piloted, self.seen = (parts_of(scene),), ()
-            own = scene.sensors()
-            self.sensors = (*own, camera) if camera not in own else tuple(own)
-            try:
-                return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
-            finally:
-                self.sensors = UNKNOWN
-
-        def pilot(self, scene: mi.Scene, sensor: Any) -> frozenset[str]:
-            """The cells that a few small pictures find to be worth less than the tolerance, together."""
-            same_paths = {"max_depth": self.max_depth, "rr_depth": self.rr_depth, "hide_emitters": self.hide_emitters}
-            layers = mi.load_dict({"type": name, **same_paths, "layers": True, "parts": True})
-            found = pilot.run(pilot.rendered(layers, sensor), scene)
-            return pilot.droppable(found, self.tolerance, take(scene).caustics).cells
-
         def prepared(self, scene: mi.Scene) -> tuple[Any, ...]:
             """What the scene holds, and its lights; looked up once a scene.
 
             And again once something black is so no more, or its colour is being differentiated.
             """
-            held = (*parts_of(scene), *(sensor for sensor in self.sensors if sensor is not None))
+            held = parts_of(scene)
             if not same(held, self.seen) or not all(absorbs(bsdf) for bsdf in self.black):
                 called = frozenset(CELLS)
                 if self.planned:  # with derivatives, which `absorbs` asks about
-                    called, self.black = called_for(plan(scene, self.max_depth, sensors=self.sensors)), absorbing(scene)
+                    called, self.black = called_for(plan(scene, self.max_depth, sensors=ANY)), absorbing(scene)
                 with dr.suspend_grad():
                     found = contents(scene)
                     possible = found.possible(self.max_depth) & called
@@ -168,8 +141,42 @@ def integrator_class(name: str, cells: str) -> type[Any]:
                 total += value
             return total, s.valid, aovs
 
-    Effects.__name__ = Effects.__qualname__ = name
-    return Effects
+    class Piloted(Effects):
+        """Leaves out what a pilot finds to be worth less than the tolerance.
+
+        A `render` in Python has a price: Mitsuba 3.9.1 loses a Ctrl-C that comes during it.
+        """
+
+        def __init__(self, props: mi.Properties) -> None:
+            Effects.__init__(self, props)
+            self.piloted: tuple[Any, ...] = ()
+
+        def render(
+            self,
+            scene: mi.Scene,
+            sensor: Any = 0,
+            seed: Any = 0,
+            spp: int = 0,
+            develop: bool = True,
+            evaluate: bool = True,
+        ) -> Any:
+            if not same(parts_of(scene), self.piloted):
+                camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+                with dr.suspend_grad():
+                    self.dropped = self.pilot(scene, camera)
+                self.piloted, self.seen = (parts_of(scene),), ()
+            return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
+
+        def pilot(self, scene: mi.Scene, sensor: Any) -> frozenset[str]:
+            """The cells that a few small pictures find to be worth less than the tolerance, together."""
+            same_paths = {"max_depth": self.max_depth, "rr_depth": self.rr_depth, "hide_emitters": self.hide_emitters}
+            layers = mi.load_dict({"type": name, **same_paths, "layers": True, "parts": True})
+            found = pilot.run(pilot.rendered(layers, sensor), scene)
+            return pilot.droppable(found, self.tolerance, take(scene).caustics).cells
+
+    for made in (Effects, Piloted):
+        made.__name__ = made.__qualname__ = name
+    return Effects, Piloted
 
 
 def parts_of(scene: mi.Scene) -> tuple[Any, ...]:
@@ -224,5 +231,10 @@ def integer(owner: str, props: mi.Properties, key: str, default: int, low: int) 
 def publish() -> None:
     """Register both integrators with the variant now set."""
     for name, cells in (("effects", "auto"), ("raytree", "classic")):
-        plugin = integrator_class(name, cells)
-        mi.register_integrator(name, lambda props, plugin=plugin: plugin(props))
+        plain, piloted = integrator_class(name, cells)
+
+        def plugin(props: mi.Properties, plain: Any = plain, piloted: Any = piloted) -> Any:
+            tolerance = props["tolerance"] if "tolerance" in props else 0
+            return (piloted if isinstance(tolerance, int | float) and tolerance > 0 else plain)(props)
+
+        mi.register_integrator(name, plugin)
