@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from pathlib import Path
 
 import mitsuba as mi
@@ -15,6 +16,7 @@ from brdf.errors import DataError, UsageError
 from fitting import rendering
 from fitting.cli.app import main
 from plugins.effects import pilot
+from tests.fitting.test_cli_fit_stopped import started
 
 SCENES = Path(plugins.__file__).parent / "scenes" / "effects"
 
@@ -182,3 +184,31 @@ def test_a_medium_is_not_left_out(small: dict[str, Path], tmp_path: Path, capsys
     path.write_text(small["glass"].read_text().replace("</scene>", fog))
     assert main(["render", str(path), "-o", str(tmp_path / "x.exr"), "--effects", "auto"]) == DataError.exit_code
     assert "medium" in capsys.readouterr().err
+
+
+INTERRUPTED = """
+import os, signal, threading
+from fitting import rendering
+true = rendering.Scatter.add
+def add(self, *given):
+    true(self, *given)
+    if self.passes == 2:
+        threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
+rendering.Scatter.add = add
+"""
+
+
+@pytest.mark.parametrize("effects", ["", "--effects all"])
+def test_ctrl_c_in_the_middle_of_a_pass(effects: str, small: dict[str, Path], tmp_path: Path) -> None:
+    """Mitsuba has a handler of its own while it renders: ours hears of it, and the picture so far is written."""
+    arguments = f"render {small['cornell']} -o out.exr --spp 10000000 --json {effects}"
+    process = started(tmp_path, arguments, INTERRUPTED, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        out, said = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 130, said.decode()
+    told = json.loads(out)
+    assert told["interrupted"]
+    assert 0 < told["spp"] < 10_000_000
+    assert rgb(tmp_path / "out.exr").max() > 0
