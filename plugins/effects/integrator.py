@@ -98,13 +98,13 @@ def integrator_class(name: str, cells: str) -> type[Any]:
             develop: bool = True,
             evaluate: bool = True,
         ) -> Any:
-            camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             if self.tolerance > 0 and not same(parts_of(scene), self.piloted):
+                camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
                 with dr.suspend_grad():
                     self.dropped = self.pilot(scene, camera)
                 self.piloted, self.seen = (parts_of(scene),), ()
             own = scene.sensors()
-            self.sensors = (*own, camera) if camera not in own else tuple(own)
+            self.sensors = tuple(own) if isinstance(sensor, int) or sensor in own else (*own, sensor)
             try:
                 return mi.SamplingIntegrator.render(self, scene, sensor, seed, spp, develop, evaluate)
             finally:
