@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from plugins.checks.glance import glance
 
-from . import remarks, uncertainty
+from . import method, remarks, uncertainty
 from .parameters import Parameters
 from .problem import Linear
 from .solution import Estimate, Lobes, MaterialCheck, Solution, View
@@ -64,6 +64,11 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
         said.append(
             f"Another start than the one given, found by a search, leads to a mean square residual {run.elsewhere:.3g} "
             "times smaller: the fit went on from there."
+        )
+    if run.method == "rendered" and method.refracts(run.scene.scene):
+        said.append(
+            "Light is seen through glass, where it moves most next to the edge: a few pixels decide, and the error bars "
+            "may be too narrow."
         )
     said += [text for view in run.views for text in view.remarks]
     variance = problem.noise(linear.r) + problem.sampling(linear.r)

@@ -79,6 +79,11 @@ def rendering(scene: mi.Scene) -> mi.Integrator:
     return made
 
 
+def refracts(scene: mi.Scene) -> bool:
+    """Whether a surface refracts like glass."""
+    return any(mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.DeltaTransmission) for shape in scene.shapes())
+
+
 def kind_of(integrator: mi.Integrator) -> str:
     """The Mitsuba type of an integrator, written in C++ or in Python: ``path``, ``prb``, ``direct``."""
     return str(integrator).split("[")[0].lower().removesuffix("integrator")
