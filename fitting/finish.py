@@ -67,7 +67,7 @@ def solution(run: Run, settings: dict[str, Any], interrupted: bool) -> Solution:
         )
     if run.method == "rendered" and method.refracts(run.scene.scene):
         said.append(
-            "Light is seen through glass, where it moves most next to the edge: a few pixels decide, and the error bars "
+            "Light is seen through glass, where it moves most next to the edge: few pixels decide, and the error bars "
             "may be too narrow."
         )
     said += [text for view in run.views for text in view.remarks]
