@@ -121,7 +121,7 @@ def judged(answer: Mapping[str, Any], case: Mapping[str, Any], integrator: str, 
     if "error" in answer:
         return Finding(False, None, None, math.inf, f"`{integrator}` raises: {answer['error'][:400]}", case)
     if not answer["rows"]:
-        return not_asked("There is no parameter to differentiate in.")
+        return not_asked("There is no parameter to differentiate in, or nothing of it in such a picture.")
     return worst_parameter([row(name, values, case) for name, values in answer["rows"].items()])
 
 
