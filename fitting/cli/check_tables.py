@@ -30,7 +30,14 @@ SHOWN = {
 #: What the symbols mean.
 LEGEND = "✓ passed   · the question does not arise   ≈ failed as declared   ✗ failed   ! declared to fail, and does not"
 #: Headings for terminals that are too narrow for the names of the checks.
-SHORT = {"reciprocity": "recip", "coupling": "coupl", "sampling": "sampl", "gradient": "grad"}
+SHORT = {
+    "reciprocity": "recip",
+    "coupling": "coupl",
+    "sampling": "sampl",
+    "gradient": "grad",
+    "gradient_effects": "eff",
+    "gradient_raytree": "tree",
+}
 #: More BSDFs than this are shown in one table.
 SEVERAL = 12
 #: What a case says elsewhere.
