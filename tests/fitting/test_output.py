@@ -327,8 +327,9 @@ def test_the_command_in_the_figures_repeats_them(
     assert first["command"] == again["command"]
     assert first["settings"] == again["settings"]
     if "lbfgs" in more:
-        value = first["parameters"]["ball.m"]["value"]
-        assert again["parameters"]["ball.m"]["value"] == pytest.approx(value, rel=1e-6)
+        # Where such an optimiser ends is decided by roundings.
+        m = first["parameters"]["ball.m"]
+        assert again["parameters"]["ball.m"]["value"] == pytest.approx(m["value"], abs=0.01 * m["sd"])
         return
     assert first["iterations"] > 0
     for key in ("status", "parameters", "iterations", "loss", "rms", "covariance", "remarks", "views"):
