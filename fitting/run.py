@@ -264,7 +264,7 @@ def fit(
             "max_iterations": run.max_iterations,
             "spp": spp,
             "samples": [2 * n for n in run.levels],
-            "precision": precision,
+            "precision": float(precision),
             "seed": seed,
             "asked_method": method,
             "method": run.method,
@@ -381,9 +381,11 @@ def sharpen(run: Run) -> None:
     """
     assert run.problem is not None and run.x is not None
     for _ in range(GUIDES):
-        before = run.x
+        before, guided = run.x, bool(run.guides)
         if not samples.guide(run) or not samples.fits(run, run.levels[-1]):
             run.guides = []
+            if guided:  # as the problem is from which weights will be made: its pixels are in another order
+                run.problem = run.build(run.levels[-1], run.seed + 1000)
             return
         run.problem = run.build(run.levels[-1], run.seed + 1000)
         run.solve("equal weights")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,10 @@ import numpy as np
 import pytest
 
 import fitting
+from brdf import UsageError
+from fitting import samples
+from fitting.output import command
+from fitting.run import Run
 from fitting.solution import Solution
 from tests.fitting import studio
 from tests.fitting.studio import BALL, KEY, RIM, SPHERE, camera
@@ -127,6 +132,55 @@ def test_the_wrong_model_is_called_a_misfit(tmp_path: Path) -> None:
     assert not said(right, "is not noise")
     assert right.rms < 0.05 < wrong.rms
     assert abs(right.parameters["metal.alpha"].value[0] - 0.25) < 4 * right.parameters["metal.alpha"].sd[0]
+
+
+def test_the_precision_asked_for(tmp_path: Path) -> None:
+    """One interval, against half of its own width and against twice it; nothing else of the answer changes."""
+    path = studio.write(tmp_path, BALL, SPHERE, camera(SIZE), KEY)
+    picture = noisy(path)
+    usual = fitting.fit(path, {"camera": picture}, ["ball.m"])
+    m = usual.parameters["ball.m"]
+    half = 0.5 * np.log(m.high[0] / m.low[0])
+    strict, lax = (fitting.fit(path, {"camera": picture}, ["ball.m"], precision=p * half) for p in (0.5, 2.0))
+    assert usual.converged and lax.converged and not strict.converged
+    assert "Not determined by the pictures: ball.m" in strict.status
+    assert len(said(strict, "ball.m is not determined: the ends of its 95 % interval differ by")) == 1
+    assert not said(lax, "not determined")
+    for other in (strict, lax):
+        assert other.parameters["ball.m"].value[0] == m.value[0]
+    words = shlex.split(command(strict.settings))
+    assert float(words[words.index("--precision") + 1]) == 0.5 * half
+    assert "--precision" not in command(usual.settings)
+    with pytest.raises(UsageError, match="precision = 0"):
+        fitting.fit(path, {"camera": picture}, ["ball.m"], precision=0)
+
+
+def test_a_sharp_highlight_that_is_none_after_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weights are made for the pixels of the problem, in its order, also when samples are no longer placed by a guide."""
+    path = studio.write(tmp_path, BALL, SPHERE, camera(SIZE), KEY)
+    true_guide, true_reweigh = samples.guide, Run.reweigh
+    looked = 0
+
+    def guide(run: Run) -> bool:
+        nonlocal looked
+        looked += 1
+        found = true_guide(run)
+        assert found and run.x is not None  # m = .03 is sharp
+        run.guides = run.guides if looked == 1 else []
+        run.x = run.x + 0.1  # or there is no second look
+        return looked == 1
+
+    def reweigh(self: Run, whatever: bool = False) -> None:
+        true_reweigh(self, whatever)
+        assert self.problem is not None and self.other is not None
+        for mine, other in zip(self.problem.pictures, self.other.pictures, strict=True):
+            np.testing.assert_array_equal(mine.pixels, other.pixels)
+
+    monkeypatch.setattr(samples, "guide", guide)
+    monkeypatch.setattr(Run, "reweigh", reweigh)
+    monkeypatch.setattr("fitting.run.MOVED", 0.0)
+    fitting.fit(path, {"camera": noisy(path, m=0.03)}, {"ball.m": [0.03]}, spp=8)
+    assert looked == 2
 
 
 def test_hardly_determined(tmp_path: Path) -> None:
