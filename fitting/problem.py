@@ -188,6 +188,10 @@ class Problem:
 
     def descend(self, x: Array) -> tuple[float, Array]:
         """Loss and its gradient by reverse-mode differentiation, as a first-order method wants them."""
+        if len(self.differences) == len(x):
+            linear = self.linearize(x)
+            self.spread = linear.power(self.weights)
+            return linear.loss(self.weights), 2 * linear.gradient(self.weights) / len(self.target)
         variables = self.parameters.place(x, differentiate=True)
         parts = self.predict(reverse=True)
         dr.eval(parts)
