@@ -89,7 +89,8 @@ def error_of(loaded: Scene, camera: Any, asked: str) -> float:
 
 def rendered(loaded: Scene, camera: Any, asked: str | None) -> tuple[npt.NDArray[Any], float, int, str]:
     """The picture, seconds (kernels compiled), samples a pixel, and what was left out."""
-    integrator, told = None, ""
+    integrator: Any = None  # `mi.load_dict` is declared to return any object
+    told = ""
     if asked is not None:
         width, height = camera.film().crop_size()
         settings, about = planning.choose(loaded, camera, asked, 0.0, MOST * width * height, 0)
@@ -99,7 +100,7 @@ def rendered(loaded: Scene, camera: Any, asked: str | None) -> tuple[npt.NDArray
             told += f"; predicted error {100 * about['error']:.1f} +- {100 * about['error_se']:.1f} %"
     for _ in range(2):  # the first compiles
         start = time.perf_counter()
-        done = rendering.render(loaded.scene, camera, MOST, integrator=integrator, noise=NOISE)  # type: ignore[arg-type]
+        done = rendering.render(loaded.scene, camera, MOST, integrator=integrator, noise=NOISE)
         seconds = time.perf_counter() - start
     return done.picture[..., :3].astype(np.float64), seconds, done.spp, told
 

@@ -100,7 +100,8 @@ def command(
     loaded = load(scene, **defaults)
     name, camera = find_sensor(loaded, sensor)
     count = spp or (MOST_SPP if noise is not None else camera.sampler().sample_count())
-    integrator, cells = None, None
+    integrator: Any = None  # `mi.load_dict` is declared to return any object
+    cells = None
     if effects is not None:
         from .. import planning
 
@@ -116,7 +117,7 @@ def command(
             camera,
             count,
             seed,
-            integrator=integrator,  # type: ignore[arg-type]
+            integrator=integrator,
             noise=noise,
             progress=lambda spent, total: bar.update(task, completed=spent, total=total),
             pressed=pressed,

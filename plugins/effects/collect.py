@@ -18,7 +18,7 @@ def emission(w: Settings, s: State, si: Any, fresh: Any) -> None:
     if not w.contents.others:
         return
     emitter = si.emitter(w.scene, s.active)
-    here = s.active & (emitter != None)  # noqa: E711
+    here = s.active & (emitter != None)  # noqa: E711  (lane by lane, which `is not` cannot do)
     if w.hide:  # the sky, also behind what light passes straight; lamps are gone by `past_lamps`, not behind that
         here &= (s.stage != EYE) | si.is_valid()
     value = s.beta * emitter.eval(si, here)

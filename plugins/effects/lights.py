@@ -73,7 +73,11 @@ def power(emitter: mi.Emitter) -> float:
         with dr.suspend_grad():
             _, weight = emitter.sample_ray(0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
             value = float(dr.mean(dr.mean(mi.unpolarized_spectrum(weight)))[0])
-    except (RuntimeError, NotImplementedError):
+    except (
+        RuntimeError,
+        NotImplementedError,
+    ):
+        # It sends out no rays, or cannot without more than is given here: any chance above 0 is right.
         return 1.0
     return value if np.isfinite(value) and value > 0 else 0.0
 

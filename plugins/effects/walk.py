@@ -86,7 +86,7 @@ def past_lamps(w: Settings, ray: Any, active: Any) -> Any:
 
     def body(ray: Any, active: Any, count: Any) -> tuple[Any, Any, Any]:
         si = w.scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=True, active=active)
-        active &= si.is_valid() & (si.shape.emitter() != None) & (count < LONGEST)  # noqa: E711
+        active &= si.is_valid() & (si.shape.emitter() != None) & (count < LONGEST)  # noqa: E711  (by lane)
         return dr.select(active, si.spawn_ray(ray.d), ray), active, count + 1
 
     state = (mi.Ray3f(ray), mi.Bool(active), mi.UInt32(0))
