@@ -67,7 +67,7 @@ def rendering(scene: mi.Scene) -> mi.Integrator:
     kind = kind_of(own)
     if kind not in ALIKE or any(shape.is_medium_transition() for shape in scene.shapes()):
         return own
-    depth = DIRECT if kind == "direct" else depth_of(own)
+    depth = depth_of(own)
     rr_depth = re.search(r"rr_depth\s*=\s*(\d+)", str(own))
     settings = {
         "type": "effects",
@@ -90,7 +90,12 @@ def kind_of(integrator: mi.Integrator) -> str:
 
 
 def depth_of(integrator: Any) -> int | None:
-    """``max_depth`` of a path integrator, None for no limit."""
+    """The longest paths of an integrator, in edges from the camera to a light; None for no limit, or if it says none.
+
+    Mitsuba's own print ``max_depth`` and have no attribute for it; none is printed as 2^32 - 1.
+    """
+    if kind_of(integrator) == "direct":
+        return DIRECT
     found = re.search(r"max_depth\s*=\s*(-?\d+)", str(integrator))
     depth = int(found.group(1)) if found else int(getattr(integrator, "max_depth", -1))
     return None if depth < 0 or depth >= 0xFFFFFFFF else depth

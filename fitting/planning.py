@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -15,8 +14,8 @@ from brdf.errors import UsageError
 from plugins.effects import inventory, pilot, table
 from plugins.scene import Scene
 
-#: Integrators that end paths at a depth of their own.
-FIXED_DEPTH = {"DirectIntegrator": 2}
+from .method import depth_of
+
 #: The pictures of the page: longer side [pixels], samples a pixel.
 PICTURE_SIZE, PICTURE_SPP = 160, 64
 #: Longer side of the pictures that are timed [pixels]. With those of the pilot most of the time goes into Python.
@@ -24,22 +23,6 @@ TIMED_SIZE = 128
 #: Samples of a picture from which a pilot costs little beside it: it takes up to a second, most of it to compile.
 PILOT_PAYS = 2**23
 Layers = Mapping[str, npt.NDArray[Any]]
-
-
-def depth_of(integrator: Any) -> int:
-    """The `max_depth` of an integrator; -1, no end, if it says none.
-
-    Mitsuba's own print it and have no attribute for it; none is printed as 2^32 - 1.
-    """
-    if integrator is None:
-        return -1
-    if hasattr(integrator, "max_depth"):
-        return int(integrator.max_depth)
-    if integrator.class_name() in FIXED_DEPTH:
-        return FIXED_DEPTH[integrator.class_name()]
-    said = re.search(r"max_depth = (\d+)", str(integrator))
-    depth = int(said[1]) if said else -1
-    return -1 if depth == 2**32 - 1 else depth
 
 
 def static(loaded: Scene) -> dict[str, Any]:
@@ -51,7 +34,9 @@ def static(loaded: Scene) -> dict[str, Any]:
         The scene has a participating medium.
     """
     integrator: Any = loaded.scene.integrator()
-    depth, hide = depth_of(integrator), bool(getattr(integrator, "hide_emitters", False))
+    depth = None if integrator is None else depth_of(integrator)
+    depth = -1 if depth is None else depth
+    hide = bool(getattr(integrator, "hide_emitters", False))
     cells = table.plan(loaded.scene, depth, hide_emitters=hide)
     unknown = dict.fromkeys(("share", "share_se", "time", "drop_error", "drop_error_se"))
     return {

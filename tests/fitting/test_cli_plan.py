@@ -20,7 +20,9 @@ from brdf.errors import DataError, UsageError
 from fitting import planning
 from fitting.cli.app import main
 from fitting.images import from_srgb
+from fitting.method import depth_of
 from plugins.effects.table import CELLS
+from plugins.scene import load
 from plugins.scenes import FOLDER
 
 SCENES = FOLDER / "effects"
@@ -247,9 +249,17 @@ def test_nothing_in_it_calls_for_nothing(broken: Path, capsys: pytest.CaptureFix
         ({"type": "prb", "max_depth": 4}, 4),
         ({"type": "aov", "aovs": "far:depth", "inside": {"type": "path", "max_depth": 7}}, 7),
         ({"type": "volpath", "max_depth": 3}, 3),
-        (None, -1),
     ],
 )
-def test_the_depth_is_the_integrators(integrator: dict[str, Any] | None, depth: int) -> None:
+def test_the_depth_is_the_integrators(integrator: dict[str, Any], depth: int) -> None:
     mi.set_variant("llvm_ad_rgb")
-    assert planning.depth_of(mi.load_dict(integrator) if integrator else None) == depth
+    assert depth_of(mi.load_dict(integrator)) == (depth if depth >= 0 else None)  # type: ignore[arg-type]
+
+
+def test_no_integrator_no_end(tmp_path: Path) -> None:
+    mi.set_variant("llvm_ad_rgb")
+    path = tmp_path / "scene.xml"
+    text = (SCENES / "glass.xml").read_text()
+    path.write_text(re.sub(r"<integrator.*?</integrator>", "", text, flags=re.DOTALL))
+    assert planning.static(load(path))["max_depth"] == -1
+    assert planning.static(load(SCENES / "glass.xml"))["max_depth"] == 8

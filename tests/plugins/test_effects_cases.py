@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import drjit as dr
@@ -135,6 +136,22 @@ def black_floor() -> tuple[Any, Any, str]:
     return scene, mi.traverse(scene), "floor.bsdf.reflectance.value"
 
 
+def derivatives(scene: Any, params: Any, key: str, value: Any, integrator: Any, spp: int) -> Iterator[float]:
+    """That of the mean of the picture at t = 0, where the parameter is ``value(t)``: in reverse, in forward mode."""
+    for mode in ("reverse", "forward"):
+        t = mi.Float(0)
+        dr.enable_grad(t)
+        params[key] = value(t)
+        params.update()
+        mean = dr.mean(mi.render(scene, params, integrator=integrator, spp=spp, seed=1), axis=None)
+        if mode == "reverse":
+            dr.backward(mean)
+            yield float(dr.grad(t)[0])
+        else:
+            dr.forward(t)
+            yield float(dr.grad(mean).array[0])
+
+
 def test_black_that_is_given_a_colour() -> None:
     """By one integrator: as by another that never saw it black."""
     scene, params, key = black_floor()
@@ -154,18 +171,7 @@ def test_derivative_at_black() -> None:
     params.update()
     half = float(np.array(mi.render(scene, integrator=mi.load_dict(effects(2)), spp=256, seed=5)).mean())
     integrator = mi.load_dict(effects(2))
-    for mode in ("reverse", "forward"):
-        t = mi.Float(0)
-        dr.enable_grad(t)
-        params[key] = mi.Color3f(t)
-        params.update()
-        value = dr.mean(mi.render(scene, params, integrator=integrator, spp=256, seed=1), axis=None)
-        if mode == "reverse":
-            dr.backward(value)
-            found = float(dr.grad(t)[0])
-        else:
-            dr.forward(t)
-            found = float(dr.grad(value).array[0])
+    for found in derivatives(scene, params, key, mi.Color3f, integrator, 256):
         # one light, summed: noise is that of the hit points within a pixel
         np.testing.assert_allclose(found, 2 * half, rtol=1e-2)
 
@@ -323,17 +329,6 @@ def test_derivative_by_the_weight_of_a_blend(bsdf: dict[str, Any], derivative: f
     scene, integrator = mi.load_dict(shown(bsdf)), mi.load_dict(effects(3))
     params = mi.traverse(scene)
     key = next(key for key in params.keys() if key.endswith(("weight.value", "opacity.value")))  # noqa: SIM118
-    for mode in ("reverse", "forward"):
-        t = mi.Float(0)
-        dr.enable_grad(t)
-        params[key] = 0.4 + t
-        params.update()
-        value = dr.mean(mi.render(scene, params, integrator=integrator, spp=1024, seed=1), axis=None)
-        if mode == "reverse":
-            dr.backward(value)
-            found = float(dr.grad(t)[0])
-        else:
-            dr.forward(t)
-            found = float(dr.grad(value).array[0])
+    for found in derivatives(scene, params, key, lambda t: 0.4 + t, integrator, 1024):
         # of 65536 samples, each at most 1 / 0.4: the standard error is below 0.006
         np.testing.assert_allclose(found, derivative, atol=0.025)
